@@ -132,6 +132,7 @@ class Frames:
             frame = self._plant.GetFrameByName(mount.frame, part.instance)
             X_BS = self._plant.CalcRelativeTransform(self._context, part.base.body_frame(), frame)
             entries.append((vehicle, name, pose_of(X_BS)))
+            # Optical frames have z along the view, as ROS and Foxglove expect of images.
             for eye, y in eyes_of(name, mount).items():
                 entries.append((name, optical_name(eye), pose_of(RigidTransform([0.0, y, 0.0]) @ X_SC)))
         return entries

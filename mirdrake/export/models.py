@@ -90,6 +90,7 @@ def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) ->
 def _mesh(shape: Mesh, common: Fields) -> Iterator[Primitive]:
     source, scale = shape.source(), shape.scale3()
     model = {**common, "scale": scale.tolist(), "media_type": _MEDIA}
+    # Viewers get one file per mesh: a glTF is packed with its buffers and textures, as they cannot read beside the log.
     if shape.extension() == ".gltf" and source.is_path():
         yield "models", {**model, "data": pack_gltf(source.path().read_bytes(), source.path().parent, {})}
     elif shape.extension() == ".gltf":
@@ -98,6 +99,7 @@ def _mesh(shape: Mesh, common: Fields) -> Iterator[Primitive]:
     elif shape.extension() == ".glb":
         yield "models", {**model, "data": source.path().read_bytes()}
     elif source.is_path():
+        # Other formats are sent as triangles, which every viewer can draw.
         mesh = trimesh.load(source.path(), force="mesh", process=False)
         yield "triangles", {**common, "points": np.asarray(mesh.vertices) * scale, "indices": mesh.faces.ravel()}
 

@@ -141,8 +141,10 @@ def _draw_map(world: World, lines: Sequence[DrivenLine], places: Sequence[Place]
     bounds = _bounds(world, lines)
     description = "The track from above with the driven line." if world.tracks else "The driven line from above."
     pictures = []
+    # Two pictures, of which the page shows one: text in a picture that is scaled would be too small on a telephone.
     for kind, (width, *heights) in _SIZES.items():
         sheet = Sheet.around(bounds, width, (heights[0], heights[1]), margin=_MARGIN, foot=_FOOT)
+        # Thinner lines at a small scale, where parts of the track come close to each other.
         thickness = 2.4 if sheet.scale > 1.5 else 1.7
         layers = [surfaces, signals, props, driven_lines(lines, width=thickness, arrows=True)]
         layers += [line_ends(lines), numbered_places(places)]

@@ -234,8 +234,10 @@ def _chart(chart: Chart, prefix: str, *, wide: bool) -> DrawnChart:
     """Return a chart with its legend."""
     figure = _figure_of([chart], THEME, width=_MAP_WIDTH if wide else _WIDTH)
     text = f"{chart.y_label} over {chart.x_label[:1].lower()}{chart.x_label[1:]}"
+    # For readers who do not see the picture.
     text = "From above" if chart.y_label == "y" else text
     picture = embed_svg(to_svg(figure), prefix, attributes={"class": "plot", "role": "img", "aria-label": text})
+    # A legend for a single curve would repeat the title of the axis.
     legend = [
         (line.name, _COLOURS[line.colour], line.style)
         for line in chart.lines

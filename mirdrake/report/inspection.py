@@ -75,6 +75,7 @@ def _headline(figures: Inspection) -> str:
 def _tiles(figures: Inspection) -> list[Tile]:
     """Return the most important figures."""
     front, rear = (100.0 * share for share in (figures.front_share, 1.0 - figures.front_share))
+    # Without collision shapes of the body there is no clearance.
     clearance = figures.ground_clearance
     return [
         Tile("Mass", f"{_figure(figures.mass)} kg", f"{front:.0f} % on the front axle, {rear:.0f} % on the rear"),

@@ -36,6 +36,7 @@ def render_junit(suite: Suite) -> str:
     """Return the text of the file, with the present time, UTC."""
     stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
     cases = {case.name: case for case in suite.cases}
+    # One <testsuite> per world, as CI systems fold the cases of a suite.
     worlds: dict[str, list[tuple[Case, Result]]] = {}
     for result in suite.results:
         worlds.setdefault(cases[result.name].world, []).append((cases[result.name], result))

@@ -90,9 +90,11 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
 def _draw_row(row: _Row, x: float, y: float, width: float) -> str:
     """Draw a swatch with one or several colours, and a text that is cut at the right edge."""
     text = row.text
+    # SVG neither wraps nor cuts text.
     while text_length(text, 12.0) > width - 24.0:
         text = text[:-2].rstrip("…") + "…"
     dash = ' stroke-dasharray="3 2"' if row.dashed else ""
+    # Several colours share one swatch, so that all swatches are of the same width.
     swatch, part = "", 16.0 / max(len(row.fills), 1)
     for number, fill in enumerate(row.fills):
         swatch += (

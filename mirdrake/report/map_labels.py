@@ -161,7 +161,10 @@ def label_patches(sheet: Sheet, world: World, labels: Labels) -> None:
     """Write the names of patches where they hardly reach beyond the patch; the key lists the others."""
     for patch in world.patches:
         x0, y0, x1, y1 = sheet.bounds(patch.area)
+        # Beside a small patch there is room on the ground; beside a large one the name would seem to belong to
+        # something else.
         small = max(x1 - x0, y1 - y0) < 80.0
+        # The short text if the long one has no room: friction is what a patch is for.
         texts = (friction_label(patch.name, patch.surface, patch.mu), f"μ {patch.mu:.3g}")
         spots = [(text, point, room) for text in texts for point, room in _spots(sheet, patch.area)]
         if not any(

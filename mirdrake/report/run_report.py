@@ -318,14 +318,17 @@ def _facts(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> list[tuple[st
 
 def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]:
     """Return the drawing of the diagram, and a note if it cannot be shown."""
+    # A run that is loaded has only its files.
     if text is None and folder and (path := folder / "diagram.svg").is_file():
         text = path.read_text(encoding="utf-8", errors="replace")
+    # The DOT text is written in any case; without a picture beside it, Graphviz was missing.
     if not text and folder and (folder / "diagram.dot").is_file():
         install = "install it (pip install 'mirdrake[drawing]') and run again, or draw diagram.dot elsewhere"
         return None, f"The block diagram was not drawn because Graphviz is missing; {install}."
     if not text:
         return None, ""
     try:
+        # The file may have been edited: a page must not contain markup that was not checked.
         return Markup(embed_graph(text, "diagram-", "Systems of the diagram and the wires between them")), ""
     except ValueError as error:
         return None, f"The drawing of the diagram is omitted: {error}."

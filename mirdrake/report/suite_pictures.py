@@ -54,11 +54,13 @@ def _bounds(world: World, trace: Trace | None) -> Box:
     if trace is not None:
         points += [*trace.line, *trace.start, *trace.end]
         points += [point for curve in trace.curves for point in curve.outline]
+    # Nothing was driven if the run failed in its first step; the whole world then shows where things are.
     if not points:
         areas = [road.area for road in world.road_areas] + [prop.footprint for prop in world.props]
         areas += [goal.area for goal in world.goals.values() if goal.area is not None]
         points = [corner for area in areas for corner in np.reshape(area.bounds, (2, 2)).tolist()] or [[0.0, 0.0]]
     low, high = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
+    # A straight drive along y would give a very narrow picture.
     grow = max(0.0, _WIDEST - float(high[0] - low[0])) / 2.0
     return float(low[0]) - grow, float(low[1]), float(high[0]) + grow, float(high[1])
 

@@ -33,6 +33,7 @@ def write_recordings(suite: Suite) -> list[tuple[str, str]]:
     for result in [result for _, result in suite.ranked() if result.folder is not None][:_MOST]:
         folder = suite.folder / str(result.folder)
         if not (folder / RECORDING).is_file():
+            # The verdicts are valid without recordings, so that a fault of one must not end the report.
             try:
                 _record(folder)
             except (MirdrakeError, RuntimeError, ValueError, KeyError, OSError) as error:

@@ -85,6 +85,7 @@ def _shown(texts: Texts) -> list[Shown]:
         (texts.best_rule, "best rule", "own1", False),
         (texts.winner, "best" if texts.best else "nearest", "main", False),
     ]
+    # One candidate may have several roles; it is drawn once, with the last.
     shown = {
         entry.name: Shown(entry.name, role, colour, dashed)
         for entry, role, colour, dashed in roles

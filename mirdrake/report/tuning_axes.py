@@ -55,6 +55,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
     """Add axes inside a part of the figure (left, bottom, width, height as fractions), with room for their labels."""
+    # Margins are in points, for text of one size, while Matplotlib wants fractions of the figure.
     width, height = 72.0 * figure.get_figwidth(), 72.0 * figure.get_figheight()
     left, bottom, wide, high = box[0] * width, box[1] * height, box[2] * width, box[3] * height
     return figure.add_axes(

@@ -131,6 +131,7 @@ class Tables:
 
     def rejected(self) -> list[tuple[str, str, str]]:
         """Return gains, cost and reasons of candidates that are not the best though they cost less, and of trials."""
+        # Only cheaper candidates need a reason for not having won.
         limit = self.texts.winner.cost if self.texts.winner else None
         rows = [
             (candidate.name, _number(candidate.cost), self.texts.rejections(candidate.rejections))

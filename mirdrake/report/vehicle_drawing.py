@@ -68,6 +68,8 @@ class Drawing:
     def upward(self, start: float, end: float, place: float, words: str, *, touch: float) -> None:
         """Add a dimension between two heights [m]; its witness lines begin at x = `touch` [m]."""
         (x0, y1), (_, y2) = self.at(touch, start), self.at(touch, end)
+        # Witness lines end a little beyond the measure line, on the side away from the vehicle, as in technical
+        # drawings.
         outward = 5.0 if place > x0 else -5.0
         for y in (y1, y2):
             self.add(f'<line class="witness" x1="{x0:.1f}" y1="{y:.1f}" x2="{place + outward:.1f}" y2="{y:.1f}"/>')

@@ -16,8 +16,10 @@ def format_quantity(value: float | None, unit: str = "", *, digits: int = 3) -> 
     if value == 0.0 or abs(value) < 1e-6:
         text = "0"
     else:
+        # Digits count, not decimals, but at most four decimals: more would claim an accuracy that no simulation has.
         decimals = min(max(0, digits - 1 - math.floor(math.log10(abs(value)))), 4)
         text = f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
+        # A small value must not be rounded to zero.
         if float(f"{value:.{decimals}f}") == 0.0:
             text = f"{value:.1g}".replace("-", "−")
     if not unit:

@@ -111,6 +111,7 @@ def _surface_title(world: World, area: DrawnArea) -> str:
         return f"{area.name}: {area.surface}, μ {area.mu:g}"
     if area.layer == "road":
         track = world.tracks[area.name]
+        # A road with edges of its own has no constant width.
         prefix = "" if track.edges is None else "up to "
         size = f"{track.length:.1f} m, {prefix}{track.width:.4g} m wide"
         return f"track {area.name}: {size}, {area.surface}, μ {area.mu:g}"
@@ -195,6 +196,7 @@ def overlap_areas(overlaps: Sequence[Overlap]) -> Layer:
             data = sheet.path(area)
             yield shape_tag(data, palette.alarm, stroke="#991b1b", title=title, kind="overlap", more=dense)
             x0, y0, x1, y1 = sheet.bounds(area)
+            # Overlaps of a few pixels would be missed without a circle.
             if max(x1 - x0, y1 - y0) < 12.0:
                 x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
                 circle = f'<circle cx="{x:.2f}" cy="{y:.2f}" r="11" fill="none"'

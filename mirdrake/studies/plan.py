@@ -200,6 +200,7 @@ def _is_context_parameter(spec: StudySpec, name: str, known: Mapping[str, Contex
     if name in _RESERVED:
         raise ConfigError(f"{location}: is a column of the results and cannot be a parameter")
     if head in DiagramSpec.model_fields:
+        # The runs of a study share these, so that their rows can be compared in one table.
         if head in {"folder", "name", "provenance", "record", "duration"}:
             raise ConfigError(f"{location}: cannot differ between runs")
         return False

@@ -33,6 +33,7 @@ class ParameterSpec(Schema):
 
     @model_validator(mode="after")
     def _one_way(self) -> "ParameterSpec":
+        # Two ways to state a parameter, of which exactly one is to be used: a file with both is ambiguous.
         if (self.values is None) == (self.low is None and self.high is None):
             raise ValueError("needs either values, or low and high")
         if self.values is not None:

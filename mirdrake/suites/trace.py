@@ -64,9 +64,11 @@ def make_trace(seen: Observation, findings: Sequence[Finding] = ()) -> Trace:
         findings: findings of its requirements.
     """
     x, y = seen.signals["x"], seen.signals["y"]
+    # A run that diverged ends with values that are not finite.
     finite = np.isfinite(x) & np.isfinite(y)
     line = np.empty((0, 2))
     if finite.sum() > 1:
+        # Simplified and rounded: the traces of all cases are in one page.
         line = shapely.get_coordinates(shapely.simplify(shapely.linestrings(x[finite], y[finite]), _TOLERANCE))
     return Trace(
         line=np.round(line, 2).tolist(),

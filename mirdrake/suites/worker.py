@@ -221,6 +221,7 @@ def _failure_text(finding: Finding) -> str:
 
 
 def _judgement(finding: Finding) -> Judgement:
+    # JSON has no infinity.
     bounded = math.isfinite(finding.margin)
     return Judgement(
         text=finding.text,
