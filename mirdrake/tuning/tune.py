@@ -174,7 +174,8 @@ def user_sources(diagram: Any) -> dict[str, str]:
     """Return the digests of the files that define the classes and functions of the user in data of a diagram."""
     if isinstance(diagram, Mapping):
         named = diagram.get("kind")
-        module = sys.modules.get(named.partition(":")[0]) if isinstance(named, str) and ":" in named else None
+        own_class = isinstance(named, str) and ":" in named and not named.startswith("mirdrake.")
+        module = sys.modules.get(str(named).partition(":")[0]) if own_class else None
         file = getattr(module, "__file__", None) or ""
         own = {str(named): digest(Path(file).read_bytes())} if file.endswith(".py") else {}
         parts: Iterable[Any] = diagram.values()
