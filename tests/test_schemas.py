@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -106,10 +107,31 @@ def test_files_that_readers_reject_are_not_valid(kind, text, path):
         ("variant", "{description: x, vehicle: {brakes: {abs: true}, powertrain: {traction: false}}}"),
         ("sensors", "{mounts: {imu: {kind: imu, frame: f, rate: 9, gyro_noise: 0.1 deg/s}}}"),
         ("sensors", "{mounts: {a: {preset: mine_of_my_own, frame: f, rate: 5}}}"),
+        ("learning", "{mirdrake: learning/1, diagram: bolt_test_track, rounds: 2}"),
     ],
 )
 def test_short_forms_and_user_classes_are_valid(kind, text):
     assert faults(kind, yaml.safe_load(text)) == []
+
+
+_schema = cache(make_schema)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_yaml_of_a_page_has_existing_keys_and_valid_values(page):
+    """Each example is a file of some kind or a part of one, so that required keys may be missing."""
+    for text in re.findall(r"```yaml\n(.*?)```", page.read_text("utf-8"), re.DOTALL):
+        data, _ = parse_tree(text, page.name)
+        kinds = [kind for kind in KINDS if set(data) <= set(_schema(kind)["properties"])]
+        assert kinds, f"no kind of file has the keys {sorted(data)}"
+        assert min((_present_faults(kind, data) for kind in kinds), key=len) == [], text
+
+
+def _present_faults(kind: str, data: Any) -> list[str]:
+    """Return the faults of the keys that are present."""
+    validator = jsonschema.Draft202012Validator(_schema(kind))
+    return [fault.message[:200] for fault in validator.iter_errors(data) if fault.validator != "required"]
 
 
 @pytest.mark.parametrize("kind", ["control", "diagram", "study"])

@@ -107,7 +107,7 @@ class LearningSpec(Schema):
     def _by_path(cls, value: Json) -> Json:
         return dict(_leaves(value))
 
-    @field_validator("rounds", mode="before")
+    @field_validator("rounds", mode="before", json_schema_input_type=RoundSpec | int)
     @classmethod
     def _count(cls, value: Any) -> Any:
         return {"count": value} if isinstance(value, int) and not isinstance(value, bool) else value
