@@ -22,7 +22,7 @@ examples:
   mirdrake world show parking_lot             the world in Meshcat, overlaps in red
   mirdrake world edit yard.yaml               the world in an editor in the browser
   mirdrake world test parking_lot barrels     all tests with all variations; pass or fail
-  mirdrake world import old.world             a Gazebo world as a world file"""
+  mirdrake world import old.world             a world file from Gazebo; also from .xodr, .xml, .xosc, .gpx"""
 
 _IDENTIFY = """\
 examples:
@@ -88,7 +88,9 @@ VERBS = {
             "edit": Verb("edit a world in the browser: place, drag, see overlaps, save the same file", "world_edit"),
             "test": Verb("run the tests of worlds with all their variations", "world_test"),
             "search": Verb("search for parameter values with which a test fails", "world_search"),
-            "import": Verb("make a world file from a .world or .sdf file of Gazebo", "world_import"),
+            "import": Verb(
+                "make a world file from a world of Gazebo, a map, a scenario or a recorded track", "world_import"
+            ),
         },
     ),
     "tune": Verb(
