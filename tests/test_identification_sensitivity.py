@@ -16,6 +16,7 @@ from mirdrake.identification.estimators.sensitivity import assumption_effects, e
 from mirdrake.identification.estimators.solve import solve
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.models.base import Assumption, Segment
+from mirdrake.identification.models.registry import make_model
 from mirdrake.identification.models.simulated import SimulatedModel
 from mirdrake.identification.parameters import Parameter, Setting, resolve_parameters
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, coast_data, lateral_data
@@ -70,6 +71,41 @@ def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
     # It does not depend on the log: a real bend gives the same shift.
     _, bent = effects(Line(), 0.3, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
+
+
+class SumLine(Line):
+    """y = slope x + bend x² + twist x³, where the sum of bend and twist is known."""
+
+    def __init__(self):
+        super().__init__()
+        self.parameters += (Parameter("twist", "1/m^2", "of the line", 0.0, -10.0, 10.0, scale=1.0),)
+
+    def run(self, p, drive, first):
+        y, first = super().run(p, drive, first)
+        return y + p["twist"] * drive.inputs["x"] ** 3, first
+
+    def complement(self, name):
+        return {"bend": "twist", "twist": "bend"}.get(name)
+
+
+def test_of_two_values_with_a_known_sum_the_error_of_one_is_that_of_the_other():
+    # Σx³/Σx² = 9/5 of the bend, less Σx⁴/Σx² = 17/5 of the twist, which is off by as much to the other side.
+    _, computed = effects(SumLine(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05), "twist": Setting(fixed=0.0)})
+    assert [effect.shift[0] for effect in computed] == pytest.approx([(17.0 - 9.0) / 5.0 * 0.05], rel=1e-3)
+    # Two values with their own standard deviations are independent.
+    both = {name: Setting(fixed=0.0, sigma=0.05) for name in ("bend", "twist")}
+    _, computed = effects(SumLine(), 0.0, both)
+    assert [effect.shift[0] for effect in computed] == pytest.approx([-1.8 * 0.05, -3.4 * 0.05], rel=1e-3)
+
+
+def test_the_shape_of_a_magic_formula_is_an_assumption_until_it_is_given():
+    model = make_model(ModelSpec("single_track", {"tyres": "magic_formula"}), lateral_data(), {})
+    values = {info.name: info.guess for info in model.parameters}
+    shapes = {"shape_front", "shape_rear"}
+    found = [one for one in model.assumptions(values, frozenset(values)) if set(one.changes) == shapes]
+    assert len(found) == 1
+    assert found[0].changes["shape_front"] - values["shape_front"] == pytest.approx(0.15 * found[0].fraction)
+    assert not [one for one in model.assumptions(values, frozenset(values) - shapes) if set(one.changes) == shapes]
 
 
 def test_an_omitted_effect_counts_as_far_as_the_log_supports_it():

@@ -175,13 +175,19 @@ def list_assumptions(problem: Problem, z: Array) -> tuple[Assumption, ...]:
     fixed = [unknown for unknown in problem.unknowns if unknown.kind == "fixed"]
     free = {parameter.info.name for parameter in problem.free}
     own = problem.model.assumptions(values, frozenset(unknown.info.name for unknown in fixed if unknown.is_assumed))
-    stated = [
-        Assumption(f"{unknown.info.name}, which is fixed to ± {1.96 * unknown.sigma:.2g} {unknown.info.unit}".rstrip(),
-                   f"measure {unknown.info.name} more accurately",
-                   {unknown.info.name: values[unknown.info.name] + SMALL_FRACTION * unknown.sigma}, SMALL_FRACTION)
-        for unknown in fixed
-        if unknown.sigma is not None
-    ]  # fmt: skip
+    uncertain = {unknown.info.name for unknown in fixed if unknown.sigma is not None}
+    stated = []
+    for unknown in fixed:
+        if unknown.sigma is None:
+            continue
+        name, step = unknown.info.name, SMALL_FRACTION * unknown.sigma
+        changes = {name: values[name] + step}
+        # With a known wheelbase the centre of mass moves between the axles; two uncertain parts are independent.
+        other = problem.model.complement(name)
+        if other is not None and other not in uncertain | free:
+            changes[other] = values[other] - step
+        what = f"{name}, which is fixed to ± {1.96 * unknown.sigma:.2g} {unknown.info.unit}".rstrip()
+        stated.append(Assumption(what, f"measure {name} more accurately", changes, SMALL_FRACTION))
     return (*stated, *(assumption for assumption in own if not set(assumption.changes) & free))
 
 

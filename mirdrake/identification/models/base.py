@@ -264,6 +264,11 @@ class Model(ABC):
         del p, assumed
         return ()
 
+    def complement(self, name: str) -> str | None:
+        """Return the parameter whose sum with this one is known, so that an error of one is that of the other."""
+        del name
+        return None
+
     def suggest_experiment(self, names: frozenset[str]) -> str:
         """Return, in the imperative, which drive would identify these parameters."""
         del names

@@ -105,6 +105,7 @@ _CENTRE = 0.05  # standard deviation of an unknown centre of mass over the wheel
 _SIZE = 0.1  # standard deviation of an unknown wheelbase over the wheelbase [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
 _FRICTION = 0.9  # friction of a dry road [1]
+_SHAPE = 0.15  # standard deviation of factor C of the lateral force: 1.2 to 1.7 of measured tyres [1]
 _CURVATURE = -1.0  # factor E at zero slip of a 205/60R15: Pacejka, Tyre and Vehicle Dynamics, 2nd ed., table A3.1 [1]
 _HEIGHT, _MAX_HEIGHT = 0.2, 0.5  # usual and largest height of the centre of mass over the wheelbase [1]
 _LAG = 0.05  # usual lag of a steering [s]
@@ -205,6 +206,7 @@ class SingleTrackModel(CompiledModel):
             relaxation=self._lengths if self._relaxation else (), compliant=self._is_compliant,
             damper_lag=self._has_damper_lag,
         )  # fmt: skip
+        self._wheelbase = wheelbase
         self._no_wheelbase = wheelbase is None and not (known.get("front_length") and known.get("rear_length"))
         # Below a speed at constant Froude number v²/(g L) the slip angles are undefined, and the model changes to
         # kinematics.
@@ -442,6 +444,8 @@ class SingleTrackModel(CompiledModel):
             trails = ("trail_front", "trail_rear")
             moved = dict.fromkeys(trails, _TRAIL * length)
             assume(trails, moved, "the pneumatic trail of the tyres", "give the vehicle, or trail_front and trail_rear")
+        shapes = ("shape_front", "shape_rear")
+        assume(shapes, dict.fromkeys(shapes, _SHAPE), "the shape factor of the tyres", "give shape_front, shape_rear")
         if self._roll:
             moved = {"roll_arm": 0.5 * p["roll_arm"]}
             assume(("roll_arm",), moved, "the height of the centre of mass above the roll axis", "give roll_arm")
@@ -491,6 +495,11 @@ class SingleTrackModel(CompiledModel):
             )
             omit("a lag of the steering", remedy, {"steering_lag": OMITTED_FRACTION * _LAG}, {})
         return tuple(assumptions)
+
+    def complement(self, name: str) -> str | None:
+        """Return the other part of a given wheelbase."""
+        parts = {"front_length": "rear_length", "rear_length": "front_length"}
+        return parts.get(name) if self._wheelbase is not None else None
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
         """Return which drive would identify these parameters."""
