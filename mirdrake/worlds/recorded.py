@@ -23,7 +23,7 @@ def read_recording(spec: "ActorSpec", folder: Path) -> None:
     """Read the file of a recorded actor into its specification, unless that has the rows already.
 
     Raises:
-        ConfigError: the file cannot be read, or a column does not exist, is no number, or does not rise.
+        ConfigError: the file cannot be read, or a column does not exist, is not a number, or does not rise.
     """
     recorded = spec.recorded
     if recorded is None or recorded.rows:
