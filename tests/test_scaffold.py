@@ -640,7 +640,9 @@ def test_the_command_writes_a_vehicle_and_a_diagram_and_prints_the_next_steps(
     assert command("vehicle", "my_car", *sizes, "--drive", "front") == 0
     out = capsys.readouterr().out.splitlines()
     assert out[:2] == ["models/my_car/", "  given:     wheelbase, track, mass, wheel radius, wheel width"]
-    assert out[2].startswith("  estimated: length, height, steering limit,")
+    assert re.fullmatch(r"  estimated: \d\d values; README.md lists them with their sources", out[2])
+    assert out[3].startswith("  not given: --length, --height, --steering-limit,")
+    assert out[4].strip() == "--yaw-inertia"  # names of options are not broken at their hyphens
     assert out[-4:] == [
         "diagrams/my_car_skidpad.yaml",
         "next:",

@@ -87,8 +87,12 @@ def run(options: argparse.Namespace) -> int:
     _print_line(f"{shown(vehicle)}/")
     estimated = plan.estimated()
     _print_line(_listed("given", [key for key in plan.listed() if key not in estimated]))
-    _print_line(_listed("estimated", [key for key in plan.listed() if key in estimated]))
-    _print_line("  README.md lists the sources; replace estimates by better data")
+    # A list of all estimates would hide those that an option can replace.
+    replaceable = [_option(key) for key in plan.listed() if key in estimated and key in QUANTITIES]
+    count = sum(key in estimated for key in plan.listed())
+    _print_line(f"  estimated: {count} values; README.md lists them with their sources")
+    if replaceable:
+        _print_line(_listed("not given", replaceable))
     if diagram is not None:
         _print_line(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
     _print_line("next:")
@@ -111,7 +115,13 @@ def _given(options: argparse.Namespace) -> Json:
 
 def _listed(title: str, keys: list[str]) -> str:
     words = ", ".join(key.replace("_", " ") for key in keys)
-    return textwrap.fill(f"{title + ':':10} {words}", width=100, initial_indent="  ", subsequent_indent=" " * 13)
+    return textwrap.fill(
+        f"{title + ':':10} {words}",
+        width=100,
+        initial_indent="  ",
+        subsequent_indent=" " * 13,
+        break_on_hyphens=False,
+    )
 
 
 def _option(key: str) -> str:
