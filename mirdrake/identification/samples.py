@@ -93,6 +93,11 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     floor = np.maximum(floor, 12.0 * rough)
     # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
     ends = np.append(rows[1:], len(values))
+    # At the ends the neighbours are on one side: a motion that begins is away from their median, but on their line.
+    half = WINDOW // 2
+    for side, distance in ((series, away), (series[::-1], away[::-1])):
+        for row in range(half):
+            distance[row] = min(distance[row], abs(side[row] - _extended(side[row + 1 : row + 1 + half])))
     odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
@@ -100,6 +105,12 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
+
+
+def _extended(samples: Array) -> float:
+    """Return the line through samples, one row before the first of them."""
+    slope, begin = np.polyfit(np.arange(len(samples)), samples, 1)
+    return float(begin - slope)
 
 
 def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

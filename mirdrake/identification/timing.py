@@ -22,6 +22,10 @@ MIN_STEP, MAX_STEP = 1e-5, 1.0
 MAX_HOLD = 60
 """Rows over which a value may be held and still indicate a rate."""
 
+SLOWER = 0.7
+"""Size of the changes of a coarse channel after holds of several rows, relative to those after one row, below which
+the holds are those of slow motion [1]."""
+
 NOT_HELD = 0.95
 """Share of changing rows above which a channel is not held."""
 
@@ -358,8 +362,9 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
     here = changes[moving[changes]]
     if len(here) < 20 or moving.sum() < 60:
         return None
-    holds = np.diff(here)
-    holds = holds[(holds <= MAX_HOLD) & (np.add.accumulate(~moving)[here[1:]] == np.add.accumulate(~moving)[here[:-1]])]
+    holds, rested = np.diff(here), np.add.accumulate(~moving)
+    inside = (holds <= MAX_HOLD) & (rested[here[1:]] == rested[here[:-1]])
+    holds, sizes = holds[inside], steps[here[1:][inside] - 1]
     if len(holds) < 15:
         return None
     usual = int(np.median(holds))
@@ -369,7 +374,10 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
         if on_grid > 0.93 and np.mean(holds <= factor) > 0.5:
             return float(factor), 1.0 - 1.0 / factor
     mean = float(holds.mean()) / (1.0 + _chance(steps[here - 1]))
-    if mean < 1.15:
+    # A slower source changes as much after a long hold as after a short one; a coarse value repeats where it is slow.
+    short = holds == 1
+    by_chance = bool(quantum) and short.any() and np.mean(sizes[~short]) < SLOWER * np.mean(sizes[short])
+    if mean < 1.15 or by_chance:
         return 1.0, 1.0 - 1.0 / float(holds.mean())
     near = round(mean)
     if near > 1 and abs(mean - near) < 0.03 * near:
