@@ -7,7 +7,6 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
-from mirdrake.readers.formats import read_table
 from mirdrake.worlds.networks.lane import Lane, lane_along
 from mirdrake.worlds.pieces import Array
 
@@ -28,6 +27,9 @@ def read_recording(spec: "ActorSpec", folder: Path) -> None:
     recorded = spec.recorded
     if recorded is None or recorded.rows:
         return
+    # Readers of tables take half a second to load, which worlds without recordings do not wait for.
+    from mirdrake.readers.formats import read_table
+
     place = where(spec, "recorded")
     table = read_table(folder / recorded.file)
     before = f"{recorded.of}." if recorded.of is not None else ""
