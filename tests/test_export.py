@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from mirdrake.cli import main
 from mirdrake.export.frames import eyes_of
+from mirdrake.export.video import write_videos
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import simulate
 from mirdrake.vehicles import load_vehicle
@@ -286,6 +287,12 @@ def test_a_video_has_every_picture_at_its_time(folder: Path, run: Run, tmp_path:
 
 
 # --- what goes wrong -------------------------------------------------------------------------------------------------
+
+
+def test_the_folder_of_videos_is_made(run: Run, tmp_path: Path) -> None:
+    videos = write_videos(run, tmp_path / "films" / "of the run")
+    assert videos
+    assert all(path.is_file() and frames > 0 for path, frames in videos.items())
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def write_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error).splitlines()[0]
-        raise RunError(f"{path}: cannot be written: {reason}; choose another folder with --out") from None
+        raise RunError(f"{path}: cannot be written: {reason}; choose another folder") from None
 
 
 @contextmanager

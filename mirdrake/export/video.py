@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.errors import MissingDependencyError, RunError
-from mirdrake.core.files import replacing
+from mirdrake.core.files import replacing, write_errors
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
 
@@ -24,7 +24,7 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
 
     Args:
         run: run with pictures.
-        folder: folder of the videos.
+        folder: folder of the videos, made if it does not exist.
 
     Returns:
         number of frames by file.
@@ -39,6 +39,8 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
     cameras = {name: pictures for name, pictures in cameras.items() if pictures}
     if not cameras:
         raise RunError(f"{run.folder}: has no pictures; record them with record: {{cameras: true}}")
+    with write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     return {folder / f"{name}.mp4": write_video(p, folder / f"{name}.mp4") for name, p in cameras.items()}
 
 
