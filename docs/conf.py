@@ -25,6 +25,7 @@ html_copy_source = False
 html_math_renderer = "mathml"
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_dmath_double_inline = True  # formulas within a paragraph of a notebook
 myst_heading_anchors = 4
 
 nb_execution_mode = "cache"

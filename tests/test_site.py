@@ -35,3 +35,10 @@ def test_every_page_is_in_the_menu_once():
         listed = page.startswith("shipped_vehicles/")
         assert len(entries) + listed == 1, f"name {page} in MENU of tools/site.py"
     assert (ROOT / "docs" / "conf.py").is_file()
+
+
+def test_formulas_within_paragraphs_are_formulas_of_the_site():
+    """Notebooks write ``$$…$$`` on a line of a paragraph; without this setting MyST shows the dollar signs."""
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "notebooks").glob("*.ipynb")]
+    assert any('"$$' in text for text in sources)
+    assert "myst_dmath_double_inline = True" in (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
