@@ -17,7 +17,7 @@ import shapely
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
-from mirdrake.report.drive import draw_drive, own_track
+from mirdrake.report.drive import _colour_classes, draw_drive, own_track
 from mirdrake.report.figures import thin
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
@@ -488,3 +488,11 @@ def test_inner_signals_have_a_chart_for_each_block(tmp_path):
         "ego.control.speed_pid", "ego.control.ackermann", "filter",
     ]  # fmt: skip
     assert "Inner signals" not in render_report(run)
+
+
+def test_the_colour_scale_of_a_car_that_starts_from_rest_begins_at_zero():
+    time = np.linspace(0.0, 10.0, 201)
+    signals = pandas.DataFrame({"ego.vx": np.maximum(5.03 * time / 10.0, -5e-4) - 5e-4}, index=time)
+    _, scale = _colour_classes(VehicleSignals(signals, "ego"))
+    assert scale is not None
+    assert (scale.low, scale.high) == (format_quantity(0.0, "m/s"), format_quantity(5.0, "m/s", digits=2))

@@ -1,5 +1,6 @@
 """The drive from above: the map with the driven lines, their colours, and close views of the largest lateral errors."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -191,7 +192,9 @@ def _colour_classes(vehicle: VehicleSignals) -> tuple[NDArray[np.intp] | None, C
         return None, None
     share = np.nan_to_num((values - low) / (high - low))
     classes = np.clip((share * SCALE_STEPS).astype(np.intp), 0, SCALE_STEPS - 1)
-    texts = (format_quantity(value, unit, digits=2) for value in (low, high))
+    # To two digits of the range: a car that stands has -0.0005 m/s, which is 0 on a scale to 5 m/s.
+    places = 1 - math.floor(math.log10(high - low))
+    texts = (format_quantity(round(value, places) + 0.0, unit, digits=2) for value in (low, high))
     return classes, ColourScale(quantity, *texts)
 
 
