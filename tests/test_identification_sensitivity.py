@@ -104,7 +104,7 @@ def test_the_shape_of_a_magic_formula_is_an_assumption_until_it_is_given():
     shapes = {"shape_front", "shape_rear"}
     found = [one for one in model.assumptions(values, frozenset(values)) if set(one.changes) == shapes]
     assert len(found) == 1
-    assert found[0].changes["shape_front"] - values["shape_front"] == pytest.approx(0.15 * found[0].fraction)
+    assert found[0].changes["shape_front"] - values["shape_front"] == pytest.approx(0.2 * found[0].fraction)
     assert not [one for one in model.assumptions(values, frozenset(values) - shapes) if set(one.changes) == shapes]
 
 
