@@ -227,7 +227,7 @@ def test_a_damaged_table_gives_one_line(sample: TuningResult, tmp_path: Path) ->
 
 
 def test_the_documentation_defines_every_figure_of_the_report() -> None:
-    text = (Path(__file__).resolve().parent.parent / "docs" / "tuning.md").read_text()
+    text = (Path(__file__).resolve().parent.parent / "docs" / "tuning_reference.md").read_text("utf-8")
     for label, _ in FIGURES.values():
         assert f"**{label}**" in text, label
 

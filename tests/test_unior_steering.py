@@ -16,7 +16,7 @@ from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.spec import load_tuning
 
 STUDY = Path(__file__).parents[1] / "studies" / "unior_steering.yaml"
-TUNED = {"kp": 15.48, "ki": 0.09547, "kd": 0.07693}  # what the study finds, docs/tuning.md
+TUNED = {"kp": 15.48, "ki": 0.09547, "kd": 0.07693}  # what the study finds, docs/tuning_method.md
 STALL, FREE_SPEED, GEAR = 11.2, 48.0 * 2.0 * np.pi / 60.0, 260.6  # data sheet of the XW540-T260 at 14.8 V
 
 

@@ -26,10 +26,13 @@ MENU = {
         "identification", "batch", "learning",
     ),
     "Reference": (
-        "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "manoeuvres", "glossary", "api", "modules",
-        "shipped_vehicles",
+        "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "manoeuvres", "tuning_reference",
+        "identification_reference", "glossary", "api", "modules", "shipped_vehicles",
     ),
-    "Explanation": ("physics", "ground", "validation", "benchmarks", "security", "architecture"),
+    "Explanation": (
+        "physics", "ground", "tuning_method", "identification_method", "validation", "benchmarks", "security",
+        "architecture",
+    ),
     "Project": ("gallery", "changelog", "contributing"),
 }  # fmt: skip
 """Titles of the menu with their pages; a page that is missing here is an error of the build."""
