@@ -58,6 +58,21 @@ def call_command(
     return call
 
 
+@pytest.mark.parametrize(
+    ("words", "usage", "message"),
+    [
+        (["run", "drive.yaml", "--duratoin", "3"], "usage: mirdrake run ", "did you mean '--duration'?"),
+        (["world", "test", "parking_lot", "--workers", "2"], "usage: mirdrake world test ", "arguments: --workers 2"),
+        (["tune", "bolt_speed", "--foo"], "usage: mirdrake tune run ", "arguments: --foo"),
+    ],
+)
+def test_an_unknown_option_prints_the_usage_of_its_verb(call_command, words, usage, message):
+    code, _, err = call_command(*words)
+    assert code == 2
+    assert err.startswith(usage)
+    assert message in err
+
+
 # --- run -------------------------------------------------------------------------------------------------------------
 
 

@@ -33,6 +33,23 @@ def test_words_are_completed(words, expected):
     assert all(word.startswith(words[-1]) for word in completions(words))
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["world", "e"], ["edit"]),
+        (["world", "test", "em"], ["empty"]),
+        (["world", "import", "em"], []),
+        (["tune", "bolt_sp"], ["bolt_speed"]),
+        (["tune", "apply", "bolt_sp"], []),
+        (["learn", "clone", "clone_b"], ["clone_bolt"]),
+        (["identify", "identify_t"], ["identify_two_track"]),
+        (["learn", "clone_b"], []),
+    ],
+)
+def test_names_are_completed_where_the_verb_takes_them(words, expected):
+    assert completions(words) == expected
+
+
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_bash_completes_with_the_script(capsys):
     main(["completion", "bash"])

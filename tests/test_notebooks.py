@@ -5,6 +5,7 @@ import os
 import shutil
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -87,6 +88,7 @@ def test_a_notebook_is_stored_without_outputs_and_in_short_cells(path: Path):
     text = path.read_text(encoding="utf-8")
     notebook = json.loads(text)
     nbformat.validate(nbformat.reads(text, as_version=4))
+    assert nbformat.writes(nbformat.reads(text, as_version=4)).strip() == text.strip(), "not as JupyterLab writes it"
     assert notebook["metadata"].get("kernelspec", {}).get("name") == "python3"
     for cell in notebook["cells"]:
         lines = "".join(cell["source"]).splitlines()
@@ -96,6 +98,23 @@ def test_a_notebook_is_stored_without_outputs_and_in_short_cells(path: Path):
         if cell["cell_type"] == "code":
             assert cell["outputs"] == []
             assert cell["execution_count"] is None
+
+
+def test_jupyterlab_saves_a_tracked_notebook_as_it_is_in_git(tmp_path: Path):
+    """The hook of jupyter_server_config.py; another notebook keeps its outputs."""
+    config = SimpleNamespace(ContentsManager=SimpleNamespace(pre_save_hook=None))
+    file = FOLDER / "jupyter_server_config.py"
+    exec(compile(file.read_text("utf-8"), file, "exec"), {"__file__": str(file), "get_config": lambda: config})
+    stored = nbformat.read(NOTEBOOKS[0], as_version=4)
+    executed = nbformat.from_dict(stored)
+    executed.metadata.language_info.version = "3.99"
+    cell = next(cell for cell in executed.cells if cell.cell_type == "code")
+    cell.execution_count, cell.outputs = 1, [nbformat.v4.new_output("stream", text="noise")]
+    for name in ("my_own.ipynb", NOTEBOOKS[0].name):
+        model = {"type": "notebook", "content": nbformat.from_dict(executed)}
+        manager = SimpleNamespace(root_dir=str(FOLDER))
+        config.ContentsManager.pre_save_hook(model=model, path=name, contents_manager=manager)
+        assert (model["content"] == stored) == (name != "my_own.ipynb")
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

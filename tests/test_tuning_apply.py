@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mirdrake.cli import tune_apply
+from mirdrake.cli import main, tune_apply
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.result import TABLES, read_result, result_text
@@ -45,11 +45,17 @@ def _run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
 def test_an_outcome_that_does_not_meet_its_criteria_is_rejected_unless_forced(tmp_path: Path, vehicle: Path) -> None:
     unmet = {"name": "cheaper_than_baseline", "value": 0.6, "limit": 0.5, "met": False}
     result = read_result(_result(tmp_path, vehicle, acceptance=[unmet]))
-    with pytest.raises(
-        ConfigError, match=r"does not meet the criteria of the study \(cheaper_than_baseline\); --force"
-    ):
+    with pytest.raises(ConfigError, match=r"does not meet 1 of 1 criteria of the study; tuning.html .* --force"):
         plan_apply(result)
     assert plan_apply(result, force=True).changes
+
+
+def test_the_command_states_in_words_which_criterion_is_not_met(tmp_path: Path, vehicle: Path, capsys) -> None:
+    unmet = {"name": "cheaper_than_baseline", "value": 0.6, "limit": 0.5, "met": False}
+    assert main(["tune", "apply", str(_result(tmp_path, vehicle, acceptance=[unmet]))]) == 2
+    printed = capsys.readouterr()
+    assert "note: criteria that are not met: cost below that of the given gains" in printed.out
+    assert "cheaper_than_baseline" not in printed.out + printed.err
 
 
 def test_only_the_gains_change_and_a_comment_states_their_origin(tmp_path: Path, vehicle: Path) -> None:

@@ -178,8 +178,14 @@ class DiagramSpec(Schema):
     connect: list[tuple[str, str]] = Field(default_factory=list, description="[output port, input port] pairs [-]")
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact [-]")
     record: RecordSpec = Field(default_factory=RecordSpec, description="what is written down [-]")
-    duration: Duration = Field(10.0, gt=0.0, le=1e6, description="simulated time [s]")
-    laps: float | None = Field(None, gt=0.0, description="stop after so many laps of the first vehicle [-]")
+    duration: Duration = Field(
+        10.0, gt=0.0, le=1e6, description="simulated time, unless `laps` ends the run earlier [s]"
+    )
+    laps: float | None = Field(
+        None,
+        gt=0.0,
+        description="stop after so many laps of the first vehicle, or at `duration` if that is earlier [-]",
+    )
     seed: int = Field(0, ge=0, description="of every random stream [-]")
 
     folder: str | None = Field(

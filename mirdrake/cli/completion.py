@@ -31,7 +31,7 @@ _FOLDERS = {
     "run": ("diagrams",),
     "draw": ("diagrams",),
     "ports": ("diagrams",),
-    "drive": ("models",),
+    "drive": ("models", "worlds"),
     "inspect": ("models",),
     "check": ("models", "worlds", "diagrams", "studies"),
     "manoeuvre": ("models",),
@@ -39,10 +39,16 @@ _FOLDERS = {
     "view": ("models", "worlds", "diagrams"),
     "study": ("studies",),
     "tune": ("studies",),
-    "clone": ("studies",),
-    "world": ("worlds",),
+    "identify_run": ("studies",),
+    "identify_apply": ("models",),
+    "learn_clone": ("studies",),
+    "world_check": ("worlds",),
+    "world_build": ("worlds",),
+    "world_show": ("worlds",),
+    "world_test": ("worlds",),
+    "world_search": ("worlds",),
 }
-"""Kinds of names that a verb takes."""
+"""Kinds of names that a verb takes, by its module; other verbs take files."""
 
 _POSITIONAL = re.compile(r"(?m)^  \{([\w,-]+)\}")
 """Choices of an argument in the help of a verb."""
@@ -81,38 +87,45 @@ def completions(words: Sequence[str]) -> list[str]:
     if verb is None:
         return []
     choices: list[str] = [] if len(before) > 1 else list(verb.verbs)
+    path = _path(before)
     if last.startswith("-"):
-        return _beginning(_options(_help(before)), last)
+        return _beginning(_options(_help(path)), last)
     if before[-1].startswith("--"):
-        values = _values(before, before[-1])
+        values = _values(before, path)
         if values:
             return _beginning(values, last)
     if before[0] == "ports" and len(before) == 2:
         return _beginning(_ports(before[1]), last)
     if before[0] == "manoeuvre" and len(before) == 1:
         choices += _manoeuvres()
-    # Names of files of the library, after what the verb itself offers.
-    choices += [name for kind in _FOLDERS.get(before[0], ()) for name in names(kind)]
-    return _beginning(choices or _positional_choices(_help(before)), last)
+    # Names of files of the library, after what the verb itself offers; a verb with others below it takes none.
+    module = verb.module if len(path) == 1 else verb.verbs[path[1]].module
+    choices += [name for kind in _FOLDERS.get(module, ()) for name in names(kind)]
+    return _beginning(choices or _positional_choices(_help(path)), last)
 
 
 def _beginning(choices: Iterable[str], text: str) -> list[str]:
     return sorted({choice for choice in choices if choice.startswith(text)})
 
 
-def _help(words: Sequence[str]) -> str:
+def _path(words: Sequence[str]) -> list[str]:
+    """Return the verb of a command line, with the one below it that is named or applies by default."""
+    from mirdrake.cli import VERBS
+
+    verb = VERBS[words[0]]
+    below = words[1] if len(words) > 1 and words[1] in verb.verbs else verb.default
+    return [words[0], below] if below else [words[0]]
+
+
+def _help(path: Sequence[str]) -> str:
     """Return the help of a verb."""
     from mirdrake.cli import VERBS
     from mirdrake.cli.verbs import VerbParser, add_verbs
 
-    path = [words[0]]
-    verb = VERBS[words[0]]
-    if verb.verbs:
-        path.append(words[1] if len(words) > 1 and words[1] in verb.verbs else verb.default)
     parser, text = VerbParser("mirdrake"), io.StringIO()
     add_verbs(parser, VERBS)
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(text):
-        parser.parse_args([*filter(None, path), "--help"])
+        parser.parse_args([*path, "--help"])
     return text.getvalue()
 
 
@@ -122,11 +135,12 @@ def _options(text: str) -> list[str]:
     return [word for word in found if word.startswith("--") and len(word) > 2]
 
 
-def _values(words: Sequence[str], option: str) -> list[str]:
-    """Return the values that an option takes: its choices, or the systems and ports of the diagram that is named."""
+def _values(words: Sequence[str], path: Sequence[str]) -> list[str]:
+    """Return the values that the last option takes: its choices, or the systems of the diagram that is named."""
+    option = words[-1]
     if option == "--expand" and len(words) > 2:
         return sorted({".".join(name.split(".")[:2]) for name in _ports(words[1]) if ".control." in name})
-    choices = re.search(rf"{re.escape(option)} \{{([^}}]*)\}}", _help(words))
+    choices = re.search(rf"{re.escape(option)} \{{([^}}]*)\}}", _help(path))
     return choices[1].split(",") if choices else []
 
 

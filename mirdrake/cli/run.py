@@ -35,7 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("diagram", help="name or path of a diagram file")
     add_set(parser)
-    parser.add_argument("--duration", type=positive_time, metavar="S", help="simulated time [s] instead of the file's")
+    parser.add_argument(
+        "--duration",
+        type=positive_time,
+        metavar="S",
+        help="simulated time [s] instead of the file's; its `laps` end the run earlier, unless --set laps=null",
+    )
     parser.add_argument(
         "--commands",
         action="append",

@@ -32,17 +32,18 @@ def run(options: argparse.Namespace) -> int:
     """Write the gains."""
     from mirdrake.core.errors import ConfigError
     from mirdrake.core.yaml_io import shown
-    from mirdrake.report.tuning_texts import comparison_lines, robustness_notes, unmet_notes
+    from mirdrake.report.tuning_texts import acceptance_notes, comparison_lines, robustness_notes
     from mirdrake.tuning.apply import compare, plan_apply
     from mirdrake.tuning.result import read_result
     from mirdrake.tuning.spec import printed
 
     result = read_result(options.result)
-    change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle, force=options.force)
     chosen = result.candidate(options.candidate)
-    # Notes are printed before the files change, so that the user can stop here.
-    unmet = unmet_notes(result) if chosen.name == result.best else []
-    for note in (*change.notes, *unmet, *robustness_notes(result, chosen.name)):
+    # Notes on the candidate come first: they explain why it may be rejected.
+    for note in (*acceptance_notes(result, chosen), *robustness_notes(result, chosen.name)):
+        print(f"note: {note}")
+    change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle, force=options.force)
+    for note in change.notes:
         print(f"note: {note}")
     if not change.changes:
         print(f"{shown(change.path)}: has these gains already; nothing to do")

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+from mirdrake.core.errors import did_you_mean
+
 
 @dataclass(frozen=True)
 class Verb:
@@ -47,7 +49,13 @@ class VerbParser(argparse.ArgumentParser):
         verb = self._verb
         if verb is not None and verb.default and args and args[0] not in {*verb.verbs, "-h", "--help"}:
             args = [verb.default, *args]
-        return super().parse_known_args(args, namespace)
+        namespace, unknown = super().parse_known_args(args, namespace)
+        # Here, so that the usage of this verb is printed and not that of the whole program.
+        if unknown and verb is not None and not verb.verbs:
+            options = [option for option in self._option_string_actions if option.startswith("--")]
+            near = did_you_mean(unknown[0], options).partition(" (allowed")[0] if unknown[0].startswith("-") else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}" + (f"; {near}" if near.endswith("?") else ""))
+        return namespace, unknown
 
     def _add_arguments(self, verb: Verb) -> None:
         if verb.verbs:

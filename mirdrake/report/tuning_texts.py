@@ -389,10 +389,13 @@ def robustness_notes(result: TuningResult, name: str) -> list[str]:
     return [f"'{name}' failed in {rate.failures} of {rate.runs} runs of the Monte Carlo."] if rate.failures else []
 
 
-def unmet_notes(result: TuningResult) -> list[str]:
-    """Return a note with the criteria that are not met; none if all are met."""
-    unmet = [criterion_text(criterion, result) for criterion in result.acceptance if not criterion.met]
-    return [f"criteria that are not met: {'; '.join(unmet)}"] if unmet else []
+def acceptance_notes(result: TuningResult, chosen: CandidateResult) -> list[str]:
+    """Return notes on the criteria that the best candidate does not meet, and on the checks that rejected it."""
+    criteria = result.acceptance if chosen.name == result.best else ()
+    unmet = [criterion_text(criterion, result) for criterion in criteria if not criterion.met]
+    rejected = Texts(result).rejections(chosen.rejections)
+    notes = [f"criteria that are not met: {'; '.join(unmet)}"] if unmet else []
+    return [*notes, f"'{chosen.name}' was rejected: {rejected}"] if rejected else notes
 
 
 def _exact(value: float | None) -> str:

@@ -109,13 +109,12 @@ def _check_feasible(result: TuningResult, chosen: CandidateResult) -> None:
 
 def _check_criteria(result: TuningResult, chosen: CandidateResult) -> None:
     """Reject the best candidate if a criterion of the study is not met, and another one that a check rejected."""
-    place = f"{_place(result)}: candidate '{chosen.name}'"
-    unmet = [criterion.name for criterion in result.acceptance if not criterion.met]
+    place, known = f"{_place(result)}: candidate '{chosen.name}'", "tuning.html states which; --force writes it"
+    unmet = sum(not criterion.met for criterion in result.acceptance)
     if chosen.name == result.best and unmet:
-        raise ConfigError(f"{place} does not meet the criteria of the study ({', '.join(unmet)}); --force writes it")
+        raise ConfigError(f"{place} does not meet {unmet} of {len(result.acceptance)} criteria of the study; {known}")
     if chosen.rejections:
-        checks = ", ".join(dict.fromkeys(rejection.check for rejection in chosen.rejections))
-        raise ConfigError(f"{place} was rejected ({checks}); --force writes it")
+        raise ConfigError(f"{place} was rejected by a check of the study; {known}")
 
 
 @dataclass(frozen=True)
