@@ -13,6 +13,7 @@ from mirdrake.manoeuvres.dwell import SineWithDwellSpec
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, ObstacleAvoidanceSpec, SlalomSpec
 from mirdrake.manoeuvres.open_loop import FrequencyResponseSpec, SlowlyIncreasingSteerSpec, StepSteerSpec
 from mirdrake.manoeuvres.park import ParkSpec
+from mirdrake.manoeuvres.ride import RoughRoadSpec, SingleBumpSpec
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.skidpad import SkidpadSpec
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
@@ -34,6 +35,8 @@ MANOEUVRES: dict[str, type[ManoeuvreSpec]] = {
     "split_friction_braking": SplitFrictionSpec,
     "coast_down": CoastDownSpec,
     "park": ParkSpec,
+    "rough_road": RoughRoadSpec,
+    "single_bump": SingleBumpSpec,
 }
 """Class of each manoeuvre; a new one is one class and one line here."""
 
