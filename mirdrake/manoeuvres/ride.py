@@ -125,7 +125,11 @@ class SingleBumpSpec(_Ride):
         z = comfort(wk, step)
         outcome.add("peak_up", "Largest vertical acceleration", float(vertical.max()), "m/s²", "at the driver's floor")
         outcome.add(
-            "peak_down", "Smallest vertical acceleration", float(vertical.min()), "m/s²", f"free fall: {-GRAVITY:.2f} m/s²"
+            "peak_down",
+            "Smallest vertical acceleration",
+            float(vertical.min()),
+            "m/s²",
+            f"free fall: {-GRAVITY:.2f} m/s²",
         )
         outcome.add("peak_weighted", "Largest weighted vertical acceleration", z.peak, "m/s²", "Wk")
         outcome.add("transient", "Largest weighted vertical rms over 1 s (MTVV)", z.transient, "m/s²")
