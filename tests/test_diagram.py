@@ -387,6 +387,14 @@ def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
         assert word in svg
 
 
+@pytest.mark.skipif(layout_command() is None, reason="Graphviz is not installed")
+@pytest.mark.parametrize(("expand", "widest"), [((), 750), (("ego.control",), 1150)])
+def test_a_drawing_fits_the_width_of_a_page(expand: tuple[str, ...], widest: float) -> None:
+    """In points at full size; the expanded drawing of a row from left to right had 3365."""
+    svg = draw_svg(assemble("bolt_test_track", expand=bool(expand)), expand=expand)
+    assert float(re.findall(r'width="(\d+)pt"', svg)[0]) < widest
+
+
 def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("pygraphviz")
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -1,8 +1,8 @@
 """Block diagrams as pictures: blocks and their connections.
 
-Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
-of a vehicle are in a frame with its name. Graphviz' ``dot`` lays them out or, without it, the Graphviz of the package
-pygraphviz; without both there is the text in its language.
+Signals run from top to bottom, driver to control to plant, and back from the plant to whoever measures it: so a picture
+fits the width of a page. The blocks of a vehicle are in a frame with its name. Graphviz' ``dot`` lays them out or,
+without it, the Graphviz of the package pygraphviz; without both there is the text in its language.
 """
 
 import html
@@ -23,7 +23,7 @@ from mirdrake.controllers.control_diagram import HOLD
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 
 _COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle": "#e3f1e4"}
-_SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn to the right of the plant
+_SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn below the plant
 
 _ELEMENTS = {name: name.split("_")[0] for name in (*SPLIT[:2], *JOIN[:2])} | {SPLIT[2]: "stamp", JOIN[2]: "stamp"}
 _NUMBERED = re.compile(r"[uy][0-9]*")  # a numbered port without a name of its own
@@ -35,7 +35,7 @@ sys.stdout.buffer.write(pygraphviz.AGraph(string=sys.stdin.read()).draw(prog="do
 
 _HEAD = """\
 digraph {
-  graph [rankdir=LR, nodesep=0.35, ranksep=0.7, fontname="Helvetica", fontsize=12, bgcolor="transparent"];
+  graph [rankdir=TB, nodesep=0.25, ranksep=0.45, fontname="Helvetica", fontsize=12, bgcolor="transparent"];
   node [shape=box, style="rounded,filled", fontname="Helvetica", fontsize=12, margin="0.18,0.10", color="#607d8b"];
   edge [fontname="Helvetica", fontsize=10, color="#607d8b", fontcolor="#37474f", arrowsize=0.7];
 """
@@ -135,6 +135,11 @@ def draw_svg(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
     return run_dot(write_dot(assembly, expand=expand), purpose="drawing a diagram")
 
 
+def fit_svg(svg: str) -> str:
+    """Return a picture that shrinks to the width of the page around it."""
+    return svg.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)
+
+
 def run_dot(text: str, *, purpose: str) -> str:
     """Return a text in the DOT language as SVG.
 
@@ -172,7 +177,7 @@ def _node(name: str, system: System, assembly: Assembly) -> str:
     """Return a block; a bar for a multiplexer or demultiplexer of a command."""
     vehicle = _vehicle_of(name, assembly)
     if vehicle and name.endswith((".split", ".join")):
-        return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
+        return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.8, height=0.07, tooltip="{name}"];'
     title = name.removeprefix(f"{vehicle}.").removeprefix("control.") if vehicle else name
     kind = html.escape(type(system).__name__.split("_")[0])
     group = (

@@ -26,7 +26,7 @@ from pydrake.systems.framework import PortDataType, System
 
 from mirdrake.assembly.diagram import Assembly, assemble, make_spec
 from mirdrake.assembly.diagram_spec import DiagramSpec, parse_diagram
-from mirdrake.assembly.drawing import draw_svg
+from mirdrake.assembly.drawing import draw_svg, fit_svg
 from mirdrake.assembly.scene import load_vehicle_of
 from mirdrake.builder.names import Name
 from mirdrake.controllers.driver import Driver
@@ -361,7 +361,7 @@ class Diagram:
     def _repr_svg_(self) -> str | None:
         """Return the block diagram, for a notebook; None if it cannot be drawn."""
         try:
-            return draw_svg(self._display(expand=False))
+            return fit_svg(draw_svg(self._display(expand=False)))
         except (MissingDependencyError, MirdrakeError):
             return None
 
@@ -588,7 +588,7 @@ class Drawing:
         self._svg = svg
 
     def _repr_svg_(self) -> str:
-        return self._svg
+        return fit_svg(self._svg)
 
     def __str__(self) -> str:
         """Return the SVG text."""
