@@ -98,7 +98,7 @@ def test_the_result_folder_is_read_back(result, tmp_path):
 
 def test_the_page_has_everything_and_needs_nothing(result, tmp_path):
     page = write_identification(result, tmp_path).read_text(encoding="utf-8")
-    for text in ("A &lt;car&gt;.", "contradicts the given value", "held out", "Correlation", "a.csv", "scales"):
+    for text in ("A &lt;car&gt;.", "contradicts the given value", "validation", "Correlation", "a.csv", "scales"):
         assert text in page
     for parameter in result.fit.parameters:
         assert parameter.name in page.replace("<wbr>", "")

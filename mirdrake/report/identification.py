@@ -76,7 +76,7 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     rows = sum(len(log.time) for log in data.logs)
     length = sum(float(log.time[-1] - log.time[0]) for log in report.data.logs)
     tiles = [
-        ("Logs", str(len(data.logs)), f"{len(data.train)} to fit, {len(data.validation)} held out"),
+        ("Logs", str(len(data.logs)), f"{len(data.train)} for training, {len(data.validation)} for validation"),
         ("Samples", f"{rows:,}".replace(",", "\u202f"), f"{length:.4g} s after repairs"),
         ("Findings", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
         ("Repairs", str(len(report.repairs)), "each is listed below"),
@@ -103,14 +103,14 @@ def render_identification(result: Identification) -> str:
     against = sum(parameter.verdict == "contradicts the given value" for parameter in free)
     # A parameter that contradicts the given value is identified all the same.
     good = sum(parameter.verdict == "identified" for parameter in free) + against
-    # Fits to held-out logs are the evidence; those to the training logs only show that the model is flexible enough.
+    # Fits to validation logs are the evidence; those to the training logs only show that the model is flexible enough.
     validation = [channel for channel in fit.channels if channel.part == "validation"]
     training = [channel for channel in fit.channels if channel.part == "train"]
     condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
     tiles = [
         ("Parameters", f"{good} of {len(free)}", f"identified; {against} contradict the given value"),
         ("Fit, training logs", _least(training), _least_of(training)),
-        ("Fit, held-out logs", _least(validation), _least_of(validation)),
+        ("Fit, validation logs", _least(validation), _least_of(validation)),
         ("Condition number", condition, "of the information matrix; above 1000 a combination is not identifiable"),
     ]
     with drawing_style():
@@ -160,7 +160,7 @@ class DataSection:
 
     Attributes:
         name: name of the log.
-        use: whether it is fitted or held out.
+        use: training or validation.
         size: samples and length.
         findings: warnings and faults.
         infos: checks without a finding.
@@ -245,7 +245,7 @@ def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -
         sections.append(
             DataSection(
                 name=log.name,
-                use="to fit" if log.use == "train" else "held out",
+                use="training" if log.use == "train" else "validation",
                 size=f"{len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s",
                 findings=[item for item in findings if item.severity != "info"],
                 infos=[item for item in findings if item.severity == "info"],
@@ -343,7 +343,7 @@ def _overlay(fit: Fit, log: str, number: int) -> Overlay:
         )
     part = fits[0].part if fits else "train"
     picture = draw_chart(time, panels, f"fit{number}-", f"measured and modelled channels of {log}")
-    return Overlay(log, "training" if part == "train" else "held out", picture)
+    return Overlay(log, "training" if part == "train" else "validation", picture)
 
 
 def _profile(fit: Fit, name: str, number: int) -> Profile:

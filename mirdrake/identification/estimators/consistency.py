@@ -12,7 +12,7 @@ By noise alone Q is χ² with K - 1 degrees of freedom and half of all τ² are 
 :data:`CHANCE` of Q on (W. G. Cochran, Biometrics 10, 1954): a model is called wrong by evidence only.
 
 τ is not divided by the number of logs, as the next manoeuvre differs again: an identified value is one that a further
-manoeuvre would confirm. Logs that were held out count as well: they are the test that the fit has not seen.
+manoeuvre would confirm. Validation logs count as well: the fit has not seen them.
 """
 
 from collections.abc import Sequence

@@ -84,7 +84,7 @@ def fit(
 
 
 def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
-    """Return the standard deviation of the scaled free parameters between the logs, those held out included."""
+    """Return the standard deviation of the scaled free parameters between the logs, those for validation included."""
     problem = solution.problem
     span = sum(drive.size * drive.step for drive in problem.drives)
     # A single log is cut into halves.
@@ -92,7 +92,7 @@ def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -
     values, count = problem.values(solution.z), len(problem.free)
     for log in data.validation:
         drives, _ = make_segments(problem.model, (log,))
-        # Only offsets and initial states are fitted to a held-out log; its score then tests the parameters themselves.
+        # Only offsets and initial states are fitted to a validation log; its score then tests the parameters.
         fixed = Problem(problem.model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
         other = replace(fixed, unknowns=problem.unknowns)
         z = other.scaled(values)
