@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mirdrake.core.kinds import SelectedByKind
 from mirdrake.core.yaml_io import AngularRate, Duration, Power, Schema, Speed, Torque
+from mirdrake.vehicles.differential_spec import Differentials, OpenDifferential
 
 Duty = Annotated[float, Field(ge=0, le=1)]
 Ratio = Annotated[float, Field(gt=0)]
@@ -52,6 +53,15 @@ class AnyPowertrain(Schema):
     traction: Annotated[Traction | None, BeforeValidator(_block)] = Field(
         default=None, description="traction control; false: off"
     )
+    differential: Differentials = Field(
+        default_factory=Differentials, description="differentials of the driven axles; open by default"
+    )
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a differential is not open."""
+        axles = (self.differential.front, self.differential.rear)
+        return any(not isinstance(axle, OpenDifferential) for axle in axles)
 
     def top_speeds(self, radius: float) -> tuple[float, float]:
         """Return the top speeds of motor and governor, ahead and backwards [m/s]; infinite without limits.

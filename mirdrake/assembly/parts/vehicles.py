@@ -15,7 +15,7 @@ from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
-from mirdrake.plant.powertrain import PEDALS, Powertrain
+from mirdrake.plant.powertrain import PEDALS, DifferentialCoupling, Powertrain
 from mirdrake.plant.wheels import GroundTyres
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
@@ -141,7 +141,14 @@ def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, con
     wiring.sources[f"{name}.pedals"] = (control.GetOutputPort("pedals"), PEDALS)
     wiring.sinks[f"{name}.pedals_reference"] = (powertrain.pedals, PEDALS)
     wiring.defaults.append((f"{name}.pedals", f"{name}.pedals_reference"))
-    for port in (powertrain.wheel_torque, powertrain.powertrain_status):
+    torque = powertrain.wheel_torque
+    if part.vehicle.spec.powertrain.coupled:
+        coupling = DifferentialCoupling(parts.plant, part)
+        wiring.add(f"{name}.differential", coupling)
+        wiring.link(parts.plant.get_state_output_port(), coupling.plant_state)
+        wiring.link(powertrain.wheel_torque, coupling.torque)
+        torque = coupling.wheel_torque
+    for port in (torque, powertrain.powertrain_status):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     return powertrain
 
