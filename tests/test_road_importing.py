@@ -110,7 +110,7 @@ def test_csv_with_latitude_longitude_and_height_has_relief(tmp_path: Path) -> No
         ("a.gpx", "<kml/>", "a.gpx:1: <kml> is not GPX, whose root is <gpx>"),
         ("a.xml", "<osm/>", "a.xml:1: <osm> is not CommonRoad, whose root is <commonRoad>"),
         ("a.xml", "<commonRoad/>", "a.xml:1: contains no lanelet"),
-        ("a.xosc", "<OpenSCENARIO/>", "a.xosc:1: no <Storyboard>; catalogues and variations are no scenarios"),
+        ("a.xosc", "<OpenSCENARIO/>", "a.xosc:1: no <Storyboard>; catalogues and variations are not scenarios"),
         ("a.xodr", "<OpenDRIVE/>", "a.xodr:1: contains no road"),
     ],
 )

@@ -5,15 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 from scipy.stats import beta
 
 from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.core.pid import PidGains, PidState, pid_step
 from mirdrake.tuning.robustness import draw_conditions, failure_rate, quantiles_of, run_monte_carlo
-from mirdrake.tuning.schedule import ScheduledPid
 from mirdrake.vehicles.joint_control import GainTable
 from tests.tuning_rigs import TextbookLoop
 
@@ -157,24 +152,3 @@ def test_a_table_is_interpolated_between_its_speeds_and_held_beyond() -> None:
         GainTable((5.0, 5.0), {})
     with pytest.raises(ConfigError, match=r"schedule.kp: 2 values are needed, got 1"):
         GainTable((5.0, 6.0), {"kp": (1.0,)})
-
-
-def test_a_scheduled_pid_uses_the_gains_of_its_table() -> None:
-    builder = DiagramBuilder()
-    pid = builder.AddSystem(ScheduledPid([5.0, 15.0], [1.0, 3.0], [0.5, 0.1], period=0.1, maximum=9.0))
-    sources = {name: builder.AddSystem(ConstantVectorSource([v])) for name, v in (("r", 2.0), ("y", 0.5), ("v", 10.0))}
-    for name, port in (("r", pid.reference), ("y", pid.measurement), ("v", pid.schedule)):
-        builder.Connect(sources[name].get_output_port(), port)
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    context = pid.GetMyContextFromRoot(simulator.get_context())
-    simulator.AdvanceTo(0.95)
-    state, control = PidState(), math.nan
-    for _ in range(10):
-        state, control = pid_step(state, 2.0, 0.5, gains=PidGains(2.0, 0.3), period=0.1)
-    assert pid.control.Eval(context).item() == pytest.approx(control, rel=1e-12)
-    source = sources["v"].get_mutable_source_value(sources["v"].GetMyMutableContextFromRoot(simulator.get_context()))
-    source.SetFromVector([15.0])
-    simulator.AdvanceTo(1.05)
-    assert pid.control.Eval(context).item() == pytest.approx(control + 0.3 * 0.1 * 1.5)  # no jump from 2 to 3
-    assert pid.get_gains(context) == PidGains(3.0, 0.1)

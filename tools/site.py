@@ -1,7 +1,7 @@
 """The documentation site: pages, notebooks and READMEs collected into one folder, and built there by Sphinx.
 
 ``python -m tools.site build/site`` writes the site. Warnings are errors: a link to nothing, a page in no menu, a
-docstring that is no valid text. Links between files of the repository become links between pages of the site.
+docstring that is not valid text. Links between files of the repository become links between pages of the site.
 """
 
 import argparse
@@ -72,7 +72,7 @@ def rewrite_links(text: str, source: PurePosixPath, pages: dict[PurePosixPath, P
             target = PurePosixPath(stage) / pages[target]
         elif target.parent == PurePosixPath("docs"):  # a picture, which is copied beside the pages
             target = PurePosixPath(stage) / target.name
-        elif target.suffix in {"", ".md"}:  # a folder, or a text that is no page: the site has nothing to show
+        elif target.suffix in {"", ".md"}:  # a folder, or a text that is not a page: the site has nothing to show
             return match[1][1:-1]
         return f"{match[1]}({PurePosixPath(os.path.relpath(target, here.parent)).as_posix()}{match[3] or ''})"
 

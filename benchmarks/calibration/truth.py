@@ -43,7 +43,7 @@ class Vehicle:
         height, track: of the centre of mass; between the wheels [m].
         roll_gain: roll angle over lateral acceleration [rad s²/m].
         roll_frequency, roll_damping: of roll [rad/s], [1].
-        roll_front: front axle's share of the load transfer to the side [1].
+        roll_front: front axle's share of the lateral load transfer [1].
         load_exponent: exponent of the cornering stiffness over the load [1].
         drive_front, brake_front: front axle's share of the force [1].
         car: number of the multi-body car.

@@ -191,7 +191,7 @@ def fill_lines(stops: Array, programmes: Array, time: float, objects: Records, c
         # Phases in the order green, amber, red; the offset shifts the begin of green backwards.
         phase = (time + programmes[light, 3]) % (green + amber + programmes[light, 2])
         if phase >= green:
-            # The speed column of a stop line is free, as a line does not move; it says that the light is amber.
+            # The speed column of a stop line is free, as a line does not move; here it marks an amber light.
             is_amber = 1.0 if phase < green + amber else 0.0
             count = _put(objects, count, int(stops[k, 0]), LINE, stops[k, 2], 0.0, is_amber)
     return count

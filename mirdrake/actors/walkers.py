@@ -13,7 +13,7 @@ from mirdrake.worlds.pieces import Array
 _FASTEST = 1.3  # largest speed over the wanted one
 _KERB = 0.3  # [m] from a waiting pedestrian to the road
 _ASIDE = 1.0  # [m] beside the path that a vehicle may pass
-_SLOW = 0.5  # [m/s] speed below which vehicles are no danger
+_SLOW = 0.5  # [m/s] speed below which vehicles are not a danger
 
 
 def step_walker(

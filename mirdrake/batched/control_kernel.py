@@ -7,7 +7,7 @@ import numpy as np
 
 from mirdrake.batched.arrays import Floats, Integers, Mask
 from mirdrake.batched.ground import apply_ground
-from mirdrake.batched.kernels import KERNEL_PARTS, read_state, steps_of_car, write_motion, write_state
+from mirdrake.batched.kernels import KERNEL_PARTS, steps_of_car, write_motion, write_state
 from mirdrake.batched.noise import NOISE_PARTS, normal
 from mirdrake.controllers.ackermann import (
     SteeringLaw,
@@ -33,7 +33,7 @@ from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.compiled import Records
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.pid import PidNumbers, tracking_time
-from mirdrake.single_track.dynamics import Inputs, LateralForce, State, equations
+from mirdrake.single_track.dynamics import Inputs, LateralForce, State, equations, read_state
 from mirdrake.vehicles.joint_control.base import JointLaw, feedforward_only
 
 ACTUATORS = 6

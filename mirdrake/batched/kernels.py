@@ -4,7 +4,7 @@ Each loop handles the cars `first` to `last` - 1, so that several threads share 
 only, and its operations have a fixed order: results do not depend on the other cars or on the number of threads.
 """
 
-from collections.abc import MutableSequence, Sequence
+from collections.abc import MutableSequence
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ from mirdrake.single_track.dynamics import (
     LateralForce,
     Motion,
     State,
-    element,
     equations,
+    read_state,
 )
 
 
@@ -226,25 +226,8 @@ def is_finite(x: State) -> bool:
     return bool(total - total == 0.0)
 
 
-def read_state(row: Sequence[float], k: Integers) -> State:
-    """Return the states of a row whose column of each field of :class:`State` is in `k`; -1: zero."""
-    return State(
-        element(row, k[0]),
-        element(row, k[1]),
-        element(row, k[2]),
-        element(row, k[3]),
-        element(row, k[4]),
-        element(row, k[5]),
-        element(row, k[6]),
-        element(row, k[7]),
-        element(row, k[8]),
-        element(row, k[9]),
-        element(row, k[10]),
-    )
-
-
 def write_state(row: MutableSequence[float], k: Integers, x: State) -> None:
-    """Write states into a row; the inverse of :func:`read_state`."""
+    """Write states into a row; the inverse of :func:`mirdrake.single_track.dynamics.read_state`."""
     for i in range(len(k)):
         if k[i] >= 0:
             row[k[i]] = x[i]
@@ -264,7 +247,6 @@ KERNEL_PARTS = (
     runge_kutta,
     moved,
     is_finite,
-    read_state,
     write_state,
     write_motion,
 )

@@ -1,20 +1,22 @@
 """Cars of a batch on a track: set-points with limits, speed loop, place on the centre line, and resets, compiled.
 
-The centre line is a table with constant spacing h and constant curvature κ in each interval. A point is projected by
-Newton's method from the last place, as in :class:`mirdrake.controllers.path_tracking.PathTables`.
+The centre line is a table with constant spacing, see :mod:`mirdrake.controllers.path_law`. A point is projected from
+the last place.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from mirdrake.batched.arrays import Floats, Integers, Mask
-from mirdrake.batched.kernels import KERNEL_PARTS, read_state, steps_of_car, write_state
+from mirdrake.batched.kernels import KERNEL_PARTS, steps_of_car, write_state
 from mirdrake.controllers.ackermann import SteeringNumbers, approach
 from mirdrake.controllers.cruise import cruise_step
+from mirdrake.controllers.path_law import PathNumbers, Place, project
 from mirdrake.core.compiled import Records
+from mirdrake.core.maths import wrap_angle
 from mirdrake.core.pid import PidLimits, pid_step, read_pid, write_pid
 from mirdrake.plant.powertrain.actuator import ActuatorNumbers, actuator_step, follow
-from mirdrake.single_track.dynamics import Inputs, LateralForce, State
+from mirdrake.single_track.dynamics import Inputs, LateralForce, State, read_state
 
 SIGNALS = (
     "x", "y", "yaw", "vx", "vy", "wz", "speed_setpoint", "steering_setpoint", "speed_trim", "lateral_error",
@@ -27,10 +29,6 @@ SETPOINTS, PID = 0, 2
 
 ACTUATOR = PID + 9
 """Start of the steering actuator in the memory."""
-
-_NEAREST = 0.2  # smallest 1 - κ e that counts: 80 % of the way to the centre of the curve
-_SETTLED = 1e-4  # a Newton step below this leaves an error of its square [m]
-_STEPS = 8  # most Newton steps
 
 
 class LaneNumbers(NamedTuple):
@@ -46,9 +44,7 @@ class LaneNumbers(NamedTuple):
         true_over_believed: true over believed radius of the wheels [1].
         force_per_acceleration: feed-forward of the drive force over the slope of the speed set-point [kg].
         period: control period [s].
-        length: length of the track [m].
-        closed: whether the track is closed.
-        spacing: spacing of the tables [m].
+        path: numbers of the track.
         wheelbase: [m].
         front: half of the front track [m].
         rear: half of the rear track [m].
@@ -63,28 +59,10 @@ class LaneNumbers(NamedTuple):
     true_over_believed: float
     force_per_acceleration: float
     period: float
-    length: float
-    closed: bool
-    spacing: float
+    path: PathNumbers
     wheelbase: float
     front: float
     rear: float
-
-
-class LanePlace(NamedTuple):
-    """Place on a centre line.
-
-    Attributes:
-        s: arc length [m].
-        lateral: offset to the left [m].
-        yaw: direction of the centre line [rad].
-        curvature: [1/m].
-    """
-
-    s: float
-    lateral: float
-    yaw: float
-    curvature: float
 
 
 def drive_on_track(
@@ -154,9 +132,11 @@ def drive_on_track(
         if diverged[i]:
             continue
         # Newton's method starts from the predicted arc length, so that one or two steps suffice at any speed.
-        projection = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
-        progress[i] = projection.s
-        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, projection, signals[i])
+        _, place = project(lane.path, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
+        # Beyond the ends of an open track the nearest point is the end itself.
+        progress[i] = place.s if lane.path.closed else min(max(place.s, 0.0), lane.path.length)
+        place = Place(progress[i], place.lateral, place.yaw, place.curvature)
+        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, place, signals[i])
 
 
 def _control(
@@ -185,50 +165,11 @@ def _control(
     return Inputs(angle, drive, 0.0, rate, trimmed * lane.true_over_believed), trimmed - speed
 
 
-def project(lane: Any, tables: Floats, x: float, y: float, near: float) -> LanePlace:
-    """Return the nearest point of the centre line, by Newton's method from a nearby one.
-
-    Args:
-        lane: numbers of the track.
-        tables: centre line.
-        x: position [m].
-        y: position [m].
-        near: arc length to start from [m].
-    """
-    s, lateral, yaw, curvature = near, 0.0, 0.0, 0.0
-    for _ in range(_STEPS):
-        # Point on an arc of constant curvature by its chord and mean direction; sin(t/2)/(t/2) ≈ 1 - t²/24 for a turn
-        # t.
-        i = interval(lane, tables, s)
-        s = wrapped(lane, s)
-        curvature, along = tables[i, 3], s - i * lane.spacing
-        turn = curvature * along
-        middle = tables[i, 2] + 0.5 * turn
-        chord = along * (1.0 - turn * turn / 24.0)
-        dx, dy = x - tables[i, 0] - chord * math.cos(middle), y - tables[i, 1] - chord * math.sin(middle)
-        yaw = middle + 0.5 * turn
-        cosine, sine = math.cos(yaw), math.sin(yaw)
-        # Newton's step of the distance along the tangent, whose slope is 1 - κ e; its bound prevents jumps near the
-        # centre of the curve.
-        lateral = dy * cosine - dx * sine
-        move = (dx * cosine + dy * sine) / max(1.0 - curvature * lateral, _NEAREST)
-        s += move
-        if -_SETTLED < move < _SETTLED:
-            break
-    # Beyond the ends of an open track the nearest point is the end itself.
-    s = wrapped(lane, s) if lane.closed else min(max(s, 0.0), lane.length)
-    return LanePlace(s, lateral, yaw, curvature)
-
-
-def wrapped(lane: Any, s: float) -> float:
-    """Return an arc length [m]; on a closed track, it is wrapped to [0, length)."""
-    return s - lane.length * math.floor(s / lane.length) if lane.closed else s
-
-
-def interval(lane: Any, tables: Floats, s: float) -> int:
+def _interval(path: PathNumbers, s: float) -> int:
     """Return the interval of the tables that contains an arc length; the first or last one beyond the ends."""
-    index: int = min(max(int(wrapped(lane, s) / lane.spacing), 0), tables.shape[0] - 2)
-    return index
+    if path.closed:
+        s %= path.length
+    return min(max(int(s / path.spacing), 0), path.last)
 
 
 def _write_signals(
@@ -239,25 +180,23 @@ def _write_signals(
     x: State,
     memory: Any,
     trim: float,
-    place: LanePlace,
+    place: Place,
     row: Any,
 ) -> None:
     """Write the signals of a car."""
-    # Wrapped to [-π, π), as the yaw of the model counts whole turns.
-    heading = x.yaw - place.yaw
-    heading -= 2.0 * math.pi * math.floor(heading / (2.0 * math.pi) + 0.5)
-    row[0], row[1] = x.x, x.y
-    row[2] = x.yaw - 2.0 * math.pi * math.floor(x.yaw / (2.0 * math.pi) + 0.5)
+    # The yaw of the model counts whole turns.
+    heading = wrap_angle(x.yaw - place.yaw)
+    row[0], row[1], row[2] = x.x, x.y, wrap_angle(x.yaw)
     # The model's vy is that of the centre of mass; signals are those of the rear axle's centre, as in a run.
     row[3], row[4], row[5] = x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate
     row[6], row[7], row[8] = memory[SETPOINTS], memory[SETPOINTS + 1], trim
     row[9], row[10], row[11] = place.lateral, heading, place.s
-    row[12], row[13] = _wheels_on_road(lane, tables, place, heading), tables[interval(lane, tables, place.s), 3]
+    row[12], row[13] = _wheels_on_road(lane, tables, place, heading), tables[_interval(lane.path, place.s), 3]
     for j in range(len(distances)):
-        row[14 + j] = tables[interval(lane, tables, place.s + distances[j]), 3]
+        row[14 + j] = tables[_interval(lane.path, place.s + distances[j]), 3]
 
 
-def _wheels_on_road(lane: Any, tables: Floats, place: LanePlace, heading: float) -> float:
+def _wheels_on_road(lane: Any, tables: Floats, place: Place, heading: float) -> float:
     """Return the number of wheels between the edges of the track.
 
     A wheel at (l, w) in the axes of the car has the offset e + l sin θ + w cos θ - κ l² / 2 from the centre line, with
@@ -271,14 +210,14 @@ def _wheels_on_road(lane: Any, tables: Floats, place: LanePlace, heading: float)
             # Widths are read at the wheel's own place along the line, as a track may widen.
             along = ahead * cosine - w * sine
             offset = place.lateral + ahead * sine + w * cosine - 0.5 * place.curvature * along * along
-            i = interval(lane, tables, place.s + along)
+            i = _interval(lane.path, place.s + along)
             if -tables[i, 5] <= offset <= tables[i, 4]:
                 wheels += 1.0
     return wheels
 
 
 LANE_PARTS: tuple[Any, ...] = (
-    *KERNEL_PARTS, _control, project, wrapped, interval, _write_signals, _wheels_on_road, approach, cruise_step,
+    *KERNEL_PARTS, _control, project, _interval, _write_signals, _wheels_on_road, approach, cruise_step,
     pid_step, read_pid, write_pid, actuator_step, follow,
 )  # fmt: skip
 """Functions that :func:`drive_on_track` calls."""

@@ -53,7 +53,7 @@ def make_sliders(
             min=low, max=high, step=(high - low) / _STEPS, continuous_update=False,
             description=_short_name(path, ranges), style={"description_width": "initial"},
         )  # fmt: skip
-    # Figures of mirdrake are no figures of pyplot, which would be shown without being asked for.
+    # Figures of mirdrake are not figures of pyplot, which would be shown without being asked for.
     return ipywidgets.interactive(rerun, {"auto_display": True}, **bars)
 
 

@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         print()
         files = (("report.html", "report"), ("fit.json", "parameters"), ("traces.parquet", "curves"))
         print_files(folder, files, note=f" in {result.seconds:.1f} s")
-    # Exit code 1 tells scripts that the result is not to be used unseen.
+    # Exit code 1 lets scripts reject a result that needs to be looked at.
     doubtful = {"not identifiable", "contradicts the given value"}
     return 1 if any(parameter.verdict in doubtful for parameter in result.fit.parameters) else 0
 

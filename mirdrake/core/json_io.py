@@ -1,10 +1,16 @@
 """JSON objects, and a reader of JSON files that a user may have edited."""
 
 import json
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from mirdrake.core.errors import ConfigError
 
 Json = dict[str, Any]
 """A JSON object, or a mapping of a YAML file before it is validated."""
+
+_Record = TypeVar("_Record")
 
 _MOST_DIGITS = 300
 """Digits of an integer; a longer one is read as a float, which may be infinite."""
@@ -24,3 +30,20 @@ def parse_json(text: str) -> Any:
 
 def _whole_number(text: str) -> float:
     return int(text) if len(text) <= _MOST_DIGITS else float(text)
+
+
+def read_record(kind: type[_Record], data: object, place: str) -> _Record:
+    """Return a dataclass from the plain data that its fields were written as; lists become tuples and dataclasses.
+
+    Raises:
+        ConfigError: a field is missing or of another type; the message begins with `place` and names the first one.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(data)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(str(part) for part in fault["loc"])[:80]
+        message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
+        raise ConfigError(f"{place}: {key}: {message}; run the study again") from None
+    except ConfigError as error:  # a value that a class does not allow
+        raise ConfigError(f"{place}: {error}; run the study again") from None

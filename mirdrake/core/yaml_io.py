@@ -317,7 +317,7 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
         code = "not_a_number"
         message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
     elif kind in {"too_long", "too_short"}:
-        # The kind of bound tells which of both lengths was missed.
+        # The kind of bound determines which of both lengths was missed.
         code = "wrong_length"
         allowed = context.get("max_length", context.get("min_length"))
         message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"

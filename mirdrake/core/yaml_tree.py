@@ -301,7 +301,7 @@ class _LineCollector:
             if key.value in own:
                 raise _fault_at(key, f"{dotted(here)}: repeated key; keep one of them")
             own.add(key.value)
-            # A merge key is no key of the file: its entries count where the mapping has none.
+            # A merge key is not a key of the file: its entries count where the mapping has none.
             if key.tag.endswith(":merge"):
                 merged += value.value if isinstance(value, yaml.SequenceNode) else [value]
                 continue

@@ -341,7 +341,7 @@ def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) 
                 ports.setdefault(f"{vehicle}.{port}", [])
     inputs = []
     for number, (port, acting) in enumerate(ports.items()):
-        # The gear is no action by default but is held at first gear; a range in `bounds` makes it one.
+        # The gear is not an action by default but is held at first gear; a range in `bounds` makes it one.
         elements = [f"{port}.{element}" for element in _ELEMENTS.get(port.rpartition(".")[2], [])] or [port]
         if acting == [port] and len(elements) > 1:
             acting = [name for name in elements if name.partition(".")[2] not in _AT_REST or name in bounded]

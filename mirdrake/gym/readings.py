@@ -63,7 +63,7 @@ class Readings:
             self.known |= {reading.name: reading for reading in self._of_vehicle(name, part)}
         contacts = self._port_of_others()
         self.known["other_contacts"] = Reading("other_contacts", "", 0.0, LARGE, _reader(*contacts, 0))
-        # Only the user's blocks and sensors: systems that the assembly adds are no signals of a run.
+        # Only the user's blocks and sensors: systems that the assembly adds are not signals of a run.
         own = [*assembly.spec.systems, *(f"{v}.{s}" for v, names in assembly.spec.sensors.items() for s in names)]
         for name in own:
             if name in self._systems:

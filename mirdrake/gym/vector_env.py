@@ -14,6 +14,7 @@ from mirdrake.batched import Batch
 from mirdrake.batched.lane import ACTUATOR, LANE_PARTS, PID, SETPOINTS, SIGNALS, LaneNumbers, drive_on_track
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.drivable_line import make_centre_line
+from mirdrake.controllers.path_tracking import PathTables
 from mirdrake.core.compiled import compiled, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState
@@ -307,7 +308,6 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
     radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
     # The lag of the steering is a part of the control unit in the loop.
     correction, actuator = control.speed.max_correction, ActuatorLaw(spec.actuators.steering, period=period)
-    centre = make_centre_line(track)
     believed = control.believes.wheel_radius or radius
     numbers = LaneNumbers(
         acceleration=control.speed.max_acceleration,
@@ -319,9 +319,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         true_over_believed=radius / believed,
         force_per_acceleration=mass * believed / radius,
         period=period,
-        length=centre.length,
-        closed=centre.closed,
-        spacing=centre.spacing,
+        path=PathTables(make_centre_line(track)).numbers,
         wheelbase=geometry.wheelbase,
         front=geometry.front_track / 2.0,
         rear=geometry.rear_track / 2.0,

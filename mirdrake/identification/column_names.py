@@ -82,7 +82,7 @@ def plain_name(column: str) -> str:
 
 def channel_by_name(column: str) -> str | None:
     """Return the channel of a column by its name; ``steering`` if it may be several of them; None if unknown."""
-    # The device before a dotted name counts only if the rest says nothing.
+    # The device before a dotted name counts only if the rest has no meaning.
     for name in dict.fromkeys((plain_name(column.rpartition(".")[2]), plain_name(column))):
         if name in CHANNELS:
             return name

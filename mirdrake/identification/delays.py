@@ -227,7 +227,7 @@ def _lateral_findings(
     if lateral is None:
         return []
     findings = []
-    # Four deviations; with a delay of the acceleration the position of the sensor cannot be told apart from it.
+    # Four deviations; with a delay of the acceleration the position of the sensor cannot be distinguished from it.
     if abs(lateral.arm) > 4.0 * lateral.arm_sigma and not lateral.acceleration:
         text = statement("accelerometer_position", distance=lateral.arm, sigma=lateral.arm_sigma)
         name = "lateral_acceleration"

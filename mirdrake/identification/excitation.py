@@ -35,7 +35,7 @@ def _rated(good: bool, weak: bool) -> Verdict:
 
 def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str | None) -> list[Excitation]:
     ratings = []
-    # A percentile, as a single shock is no excitation.
+    # A percentile, as a single shock is not an excitation.
     largest = float(np.percentile(np.abs(lateral), 99.5))
     # Stiffness and ratio are separable only if turns are driven at different speeds.
     turning = np.abs(lateral) > 0.3 * max(largest, 0.3)

@@ -230,7 +230,7 @@ def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tu
         base = base[:, :2]
     solved = np.linalg.lstsq(base, rate, rcond=None)[0]
     rest, blocks = rate - base @ solved, np.array_split(np.arange(len(rate)), 10)
-    # Scatter of the bias over parts of the log: neighbouring residuals are correlated, so their number is no measure.
+    # Scatter of the bias over parts of the log: the residuals are correlated, so their number is not a measure.
     parts = [float(speed[rows] @ rest[rows]) / float(speed[rows] @ speed[rows]) for rows in blocks]
     return -float(solved[1] / solved[0]), float(np.std(parts) / np.sqrt(9.0) / abs(solved[0]))
 

@@ -210,7 +210,7 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
         if stated and not fits(stated, si):
             # A steering in percent is a command, not an angle.
             if found != "steering" or stated not in {"%", "-"}:
-                continue  # a pressure of the brakes is no pedal
+                continue  # a pressure of the brakes is not a pedal
             name, si = "steering_command", "1"
         unit = stated or unit_by_name(column, si)
         reasons = ("name", "unit in the file" if stated else "unit in the name" if unit else "")

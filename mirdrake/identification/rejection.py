@@ -27,7 +27,7 @@ def reject_faults(report: DataReport, used: Collection[str]) -> None:
     }
     by_channel: dict[tuple[str, str], list[Finding]] = {}
     for fault in faults:
-        # If one of several suspects is no channel of the model, the fault may be there.
+        # If one of several suspects is not a channel of the model, the fault may be there.
         if fault.channels and not set(fault.channels) <= set(used):
             continue
         if fault.what.code == "steering_sign" and doubtful & {"yaw_rate", *_SPEED}:

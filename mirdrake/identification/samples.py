@@ -26,7 +26,7 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
             continue
         good = np.isfinite(values)
         steps = np.diff(values[good])
-        # Jumps by more than a turn and a half are no wraps.
+        # Jumps by more than a turn and a half are not wraps.
         turns = np.where(np.abs(steps) < 3.0 * np.pi, -np.round(steps / (2.0 * np.pi)), 0.0)  # more is a glitch
         if turns.any():
             repaired[name] = values.copy()

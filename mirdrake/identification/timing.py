@@ -315,7 +315,7 @@ def resolution(values: Array) -> float | None:
     if not 2 <= len(levels) <= max(2000, len(values) // 4):
         return None
     steps = np.diff(levels)
-    # Rounding in the file splits levels by tiny differences, which are no quanta.
+    # Rounding in the file splits levels by tiny differences, which are not quanta.
     steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
     quantum = float(np.percentile(steps, 5))
     counts = steps / quantum

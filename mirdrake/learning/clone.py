@@ -181,7 +181,7 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
             _check_world(spec, diagram, car, world, key)
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    # The name of the study is no part of its purpose, so that renaming does not discard finished steps.
+    # The name of the study is not part of its purpose, so that renaming does not discard finished steps.
     purpose = {"study": digest_data(spec.model_dump(mode="json", exclude={"name"})), "diagram": digest_data(diagram)}
     return _Setup(spec, diagram, car, worlds, judged, folder.resolve(), Journal(folder / JOURNAL, purpose), progress)
 

@@ -260,7 +260,7 @@ def drive(
         covered += watch.covered
         # Put back where it left the line, at its speed: an intervention changes only the lateral state.
         place, speed = watch.place, max(watch.speed, 0.0)
-        # The end of the time or of the distance is no intervention.
+        # The end of the time or of the distance is not an intervention.
         interventions += int(watch.has_left or run.diverged)
         if run.stop.reason is not StopReason.CONDITION and not run.diverged:
             break
@@ -291,7 +291,7 @@ class _Watch:
         x, y, _ = pose.translation()
         s, lateral = (float(value) for value in self._track.project(x, y))
         if self.place is not None:
-            # Differences wrapped to half a lap, so that passing the start line is no jump back.
+            # Differences wrapped to half a lap, so that passing the start line is not a jump back.
             step, length = s - self.place, float(self._track.length)
             self.covered += (step + 0.5 * length) % length - 0.5 * length if self._track.closed else step
         self.place, self.speed = s, float(velocity[0] * np.cos(yaw) + velocity[1] * np.sin(yaw))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import read_errors, write_file
-from mirdrake.core.json_io import Json, parse_json
+from mirdrake.core.json_io import Json, parse_json, read_record
 from mirdrake.learning.delays import DelayMargin, delay_sentence, is_delay_the_cause
 from mirdrake.learning.drives import Drive
 
@@ -107,23 +107,4 @@ def read_result(folder: Path) -> CloneResult:
         raise ConfigError(f"{folder}: not the folder of a finished learning study (it has no {RESULT})")
     with read_errors(file):
         data = dict(parse_json(file.read_text(encoding="utf-8")))
-        # JSON has lists only; tuples and data classes are restored.
-        rounds = [
-            RoundResult(
-                **{
-                    **entry,
-                    "training_loss": tuple(entry["training_loss"]),
-                    "validation_error": tuple(entry["validation_error"]),
-                    "drives": {label: Drive.read(drive) for label, drive in entry["drives"].items()},
-                }
-            )
-            for entry in data["rounds"]
-        ]
-        collected = tuple(Drive.read(entry) for entry in data["collected"])
-        parts = {
-            "delay": DelayMargin(**data["delay"]),
-            "delayed_expert": Drive.read(data["delayed_expert"]),
-            "rounds": tuple(rounds),
-            "collected": collected,
-        }
-        return CloneResult(folder=folder, **{**data, **parts})
+    return read_record(CloneResult, {**data, "folder": folder}, str(file))

@@ -293,7 +293,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
         outcome.verdict = "pass" if passed else "fail"
         if not passed:
             turn = f"turned by {math.degrees(largest_heading):.0f} deg" if math.isnan(turned) else "spun"
-            outcome.reason = f"it moved {offset:.2f} m to the side and {turn}"
+            outcome.reason = f"it moved {offset:.2f} m sideways and {turn}"
         _speed_charts(outcome, record, record.time >= 0.0)
         outcome.charts.append(Chart("x", "m", "y", "m", (Curve("middle of the rear axle", record.x, record.y),)))
         wheel = Curve("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
@@ -343,7 +343,7 @@ def brake_run(
 
     def stop(time: float, state: Sequence[float]) -> str | None:
         if abs(state[1]) > wide:
-            return f"it moved {wide:g} m to the side"
+            return f"it moved {wide:g} m sideways"
         # Standstill is a crossing of zero, a state that compliant tyres may only approach: 0.1 s after nearly zero
         # counts.
         if time > _BEFORE and state[6] < 0.01 and abs(state[7]) < 0.1:

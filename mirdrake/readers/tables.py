@@ -82,7 +82,7 @@ class Table:
             raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
         values = pd.Series(np.asarray(self.columns[column]).ravel())
         numbers = as_numbers(values)
-        # coerce turns texts into NaN; cells that were empty before are no faults.
+        # coerce turns texts into NaN; cells that were empty before are not faults.
         bad = np.isnan(numbers) & values.notna().to_numpy()
         if bad.any():
             row = int(np.argmax(bad))

@@ -378,7 +378,7 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
 
 
 def worst_fit(fits: Sequence[ChannelFit]) -> ChannelFit:
-    """Return the channel whose fit misses most of what its noise allows: a noisy sensor is no fault of the model."""
+    """Return the channel whose fit misses most of what its noise allows: a noisy sensor is not a fault of the model."""
     missed = [channel.noise_limit_percent - channel.nrmse_percent for channel in fits]
     return fits[int(np.argmax(np.nan_to_num(missed, nan=-np.inf)))]
 

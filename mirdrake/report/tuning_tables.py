@@ -183,7 +183,7 @@ class Tables:
 
     def _grip(self) -> str:
         """Return a sentence on the grip that the runs require; empty if it is not known."""
-        # Grip use tells whose fault a poor run is: no controller gets more force out of a tyre than friction allows.
+        # Grip use shows the cause of a poor run: no controller gets more force out of a tyre than friction allows.
         table = self.result.table("monte_carlo")
         if table is None or "grip_use" not in table:
             return ""

@@ -301,7 +301,7 @@ def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeomet
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead = (geometry.wheelbase, geometry.wheelbase, 0.0, 0.0)
     aside = np.array([1.0, -1.0, 1.0, -1.0]) / 2.0 * np.repeat([geometry.front_track, geometry.rear_track], 2)
-    # The union removes inner edges between adjoining roads and lanes, which are no edges of the road.
+    # The union removes inner edges between adjoining roads and lanes, which are not edges of the road.
     area = shapely.union_all(roads)
     inside = [_inside_by(area, x + a * cos - b * sin, y + a * sin + b * cos) for a, b in zip(ahead, aside, strict=True)]
     return _event(np.min(inside, axis=0), "m")

@@ -194,10 +194,9 @@ class Incidents:
     ) -> Iterator[Incident]:
         """Return where contacts begin and end; the first of each pair with an object is a collision already."""
         by_pair = {(name, other): touches for name, pairs in touching.items() for other, touches in pairs.items()}
-        # A contact with no prop or vehicle near is one of the bodywork with the ground, of whichever vehicle.
         touches = np.any([*by_pair.values()], axis=0) if by_pair else np.zeros(len(times), dtype=bool)
         name = next(iter(self.vehicles)) if len(self.vehicles) == 1 else "a vehicle"
-        # What remains is contact of the bodywork with the ground, which no clearance describes.
+        # A contact without an object nearby is one with the ground; the signals do not tell of which vehicle.
         by_pair[name, ""] = (columns.get("other_contacts", np.zeros(len(times))) > 0.0) & ~touches
         # Pairs of earlier blocks that are not near any more still need their end, so they are looked at too.
         for pair in {**self._periods, **by_pair}:

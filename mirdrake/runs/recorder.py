@@ -80,7 +80,7 @@ class Events:
             # Laps are fractions: floor finds whole laps, and the tolerance keeps 1.0 -
             # rounding from counting one sample late.
             values = np.floor(columns[key] + 1e-6)
-            # Before the first block, the start is no event: a vehicle may start with two wheels beside the road.
+            # Before the first block, the start is not an event: a vehicle may start with two wheels beside the road.
             before = self._last.get(key, float(values[0]))
             for index in np.flatnonzero(np.diff(values, prepend=before)):
                 self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))

@@ -518,22 +518,8 @@ def _fill_rates(
         rates: derivatives of `x`, overwritten.
         motion: values of :class:`Motion`, overwritten.
     """
-    # Written out, not in a loop: Numba needs the fields of a named tuple at compile time.
-    state = State(
-        element(x, k[0]),
-        element(x, k[1]),
-        element(x, k[2]),
-        element(x, k[3]),
-        element(x, k[4]),
-        element(x, k[5]),
-        element(x, k[6]),
-        element(x, k[7]),
-        element(x, k[8]),
-        element(x, k[9]),
-        element(x, k[10]),
-    )
     inputs = Inputs(u[0], u[1], u[2], u[3], u[4])
-    derivatives, quantities = equations(law, flags[0], parameters[0], state, inputs)
+    derivatives, quantities = equations(law, flags[0], parameters[0], read_state(x, k), inputs)
     # Rates of states that the variant lacks are dropped.
     for i in range(len(k)):
         if k[i] >= 0:
@@ -542,10 +528,28 @@ def _fill_rates(
         motion[i] = quantities[i]
 
 
+def read_state(row: Sequence[float], k: Sequence[int]) -> State:
+    """Return the states of a row whose column of each field of :class:`State` is in `k`; -1: zero."""
+    # Written out, not in a loop: Numba needs the fields of a named tuple at compile time.
+    return State(
+        element(row, k[0]),
+        element(row, k[1]),
+        element(row, k[2]),
+        element(row, k[3]),
+        element(row, k[4]),
+        element(row, k[5]),
+        element(row, k[6]),
+        element(row, k[7]),
+        element(row, k[8]),
+        element(row, k[9]),
+        element(row, k[10]),
+    )
+
+
 def element(x: Sequence[float], position: int) -> float:
     """Return an element of a vector; zero for the position -1."""
     return x[position] if position >= 0 else 0.0
 
 
-EQUATION_PARTS = (_limit_force, element)
+EQUATION_PARTS = (_limit_force, element, read_state)
 """Functions that :func:`equations` and the reading of its states call."""

@@ -102,7 +102,7 @@ def accept(
         verified: checks by name of the candidate.
     """
     before, after = baseline.trial.cost, winner.trial.cost
-    # Costs are compared as printed: a difference that no report shows is no improvement.
+    # Costs are compared as printed: a difference that no report shows is not an improvement.
     met = winner.name != baseline.name and printed(after) < printed(before)
     criteria = [Criterion("cheaper_than_baseline", finite(after), before, met)]
 

@@ -68,7 +68,7 @@ def plan_apply(
     values = _values(result, chosen) | _schedule_values(result, rows)
     target = _Target(vehicle or result.vehicle, values)
     comment = provenance(result, chosen, today or datetime.now(UTC).date())
-    # The provenance line says for which study and how many speeds the values hold.
+    # The provenance line states for which study and how many speeds the values hold.
     if rows:
         comment += f", schedule over {len(rows)} speeds"
     notes = []

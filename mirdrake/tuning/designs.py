@@ -326,7 +326,7 @@ def _solve(
         # Without a derivative gain in the loop a PID has no place.
         if pid.kd and "kd" not in map(loop.role, loop.gains):
             continue
-        # Gains that are negative or infinite are no candidates.
+        # Gains that are negative or infinite are not candidates.
         if not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
             continue
         # Rules that agree after rounding are one candidate, with the name of the first.

@@ -24,7 +24,7 @@ def fitted_line(samples: Floats, period: float, frequency: float, *, harmonics: 
     """Return the amplitude by least squares with a constant and harmonics, for cycles of any length."""
     phase = np.arange(len(samples)) * period * frequency
     order = np.arange(1, harmonics + 1)
-    # Least squares instead of a sum: the window need not be a whole number of periods, and the constant is no bias.
+    # Least squares instead of a sum: the window need not be a whole number of periods, and the constant is not a bias.
     columns = np.hstack([np.ones((len(samples), 1)), np.cos(np.outer(phase, order)), np.sin(np.outer(phase, order))])
     weights = np.linalg.lstsq(columns, samples, rcond=None)[0]
     return complex(weights[1], -weights[1 + harmonics])

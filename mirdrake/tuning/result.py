@@ -19,11 +19,10 @@ from pathlib import Path
 from typing import Literal
 
 import pandas as pd
-from pydantic import TypeAdapter, ValidationError
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import write_errors, write_file
-from mirdrake.core.json_io import Json, parse_json
+from mirdrake.core.json_io import Json, parse_json, read_record
 from mirdrake.core.yaml_io import read_text, shown
 from mirdrake.tuning.acceptance import AGAINST_BASELINE, Criterion, StepEffect
 from mirdrake.tuning.confirm import MarginCheck
@@ -273,16 +272,7 @@ def read_result(folder: Path | str) -> TuningResult:
     given = data.get("mirdrake") if isinstance(data, dict) else None
     if not isinstance(data, dict) or given != FORMAT:
         raise ConfigError(f"{place}: mirdrake: is {given!r}; '{FORMAT}' is expected")
-    try:
-        return TypeAdapter(TuningResult).validate_python({**data, "folder": folder})
-    except ValidationError as error:
-        # Only the first fault, as one line.
-        fault = error.errors()[0]
-        key = ".".join(str(part) for part in fault["loc"])[:80]
-        message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
-        raise ConfigError(f"{place}: {key}: {message}; run the study again") from None
-    except ConfigError as error:  # numbers that a model does not allow
-        raise ConfigError(f"{place}: {error}; run the study again") from None
+    return read_record(TuningResult, {**data, "folder": folder}, place)
 
 
 def plain(value: object) -> object:

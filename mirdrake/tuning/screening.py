@@ -141,7 +141,7 @@ def check_ranks(model: pd.DataFrame, plant: pd.DataFrame, cost: Mapping[str, flo
 def rank_correlation(model: Floats, plant: Floats) -> float:
     """Return Spearman's rank correlation; nan, of a run that is not stable, is the worst of all."""
     ranks = [scipy.stats.rankdata(np.nan_to_num(values, nan=np.inf)) for values in (model, plant)]
-    # Equal ranks have no correlation: such a model tells nothing about the runs.
+    # Equal ranks have no correlation: such a model has no information about the runs.
     if any(np.ptp(values) == 0.0 for values in ranks):
         return 0.0
     return float(np.corrcoef(*ranks)[0, 1])

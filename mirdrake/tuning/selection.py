@@ -84,7 +84,7 @@ class Knowledge:
         hard: draws of the Monte Carlo in which candidates that meet the constraints have failed.
         finer: candidates of the search at a finer step of the plant, by name.
         searched: candidates made of trials of the search.
-        rejected: trials of the search that are no candidates.
+        rejected: trials of the search that are not candidates.
         lost_at_finer_step: whether a trial was rejected for the finer step.
         margin_ratios: margins of the plant over those of the model, of the last candidate that was checked.
     """

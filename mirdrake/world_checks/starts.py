@@ -39,7 +39,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
             break
         prop = near.props[number]
         depth = -float(clearance(volume, poses, [prop])[0])
-        # Contact and rounding are no collision.
+        # Contact and rounding are not a collision.
         if depth <= 1e-4:
             continue
         # The solid that the vehicle is deepest in shows best where the fault is.

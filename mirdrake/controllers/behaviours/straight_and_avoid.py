@@ -30,7 +30,7 @@ from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _CIRCLES = 31
 _PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
-_BESIDE = 5.0  # what is farther to the side is not remembered [m]
+_BESIDE = 5.0  # lateral distance beyond which points are not remembered [m]
 _GRAIN = 0.1  # points closer together are remembered as one [m]
 _MOST = 256  # points remembered
 
@@ -130,7 +130,7 @@ class StraightAndAvoidSpec(BehaviourDriver):
     speed: Speed = Field(
         4.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]; curves and stops are driven slower"
     )
-    clearance: Length = Field(0.5, ge=0.0, description="wanted distance to the side of obstacles [m]")
+    clearance: Length = Field(0.5, ge=0.0, description="wanted lateral distance to obstacles [m]")
     distance: Length = Field(1.0, ge=0.0, description="gap in front of the car when it stops [m]")
     lookahead: Length = Field(
         12.0, gt=0.0, description="how far it looks at least [m]; never less than it takes to stop"

@@ -184,7 +184,7 @@ class JointLoopModel(_DirectModel):
         self.title = f"joint loop, {options.input} to {options.output}"
         self._input = options.input
         self.inputs, self.outputs = (options.input,), (options.output,)
-        # The inertia only converts the fit to servo gains, and is no unknown of it.
+        # The inertia only converts the fit to servo gains, and is not an unknown of it.
         inertia = known.get("inertia")
         source = "" if inertia else "not given: servo gains are per unit of inertia"
         self.parameters = (

@@ -130,7 +130,7 @@ class PlantModel(SimulatedModel):
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)
-        # A friction that differs over the ground is no single parameter.
+        # A friction that differs over the ground is not a single parameter.
         self._parameters = find_context_parameters({EGO: loaded}, self.assembly.parts.world)
         friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._parameters else None
         damping = float(part.wheels[0].default_damping_vector()[0])

@@ -416,7 +416,7 @@ class SingleTrackModel(CompiledModel):
         length, assumptions = p["front_length"] + p["rear_length"], []
 
         def assume(names: Collection[str], sizes: Mapping[str, float], description: str, remedy: str) -> None:
-            # A given value is no assumption.
+            # A given value is not an assumption.
             if set(names) <= assumed and any(sizes.values()):
                 moved = {name: p[name] + SMALL_FRACTION * size for name, size in sizes.items()}
                 assumptions.append(Assumption(description, remedy, moved, SMALL_FRACTION))

@@ -80,7 +80,7 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
         read = read_mesh(shape.mesh)
     except MeshError:  # reported where the mesh is converted
         return shape, []
-    # An unknown submesh is no reason to draw nothing: the whole mesh shows what the vehicle looks like, if with too
+    # An unknown submesh is not a reason to draw nothing: the whole mesh shows what the vehicle looks like, if with too
     # many parts.
     try:
         select_submesh(read, shape.mesh, shape.submesh)
@@ -209,7 +209,7 @@ def _as_primitive(shape: Shape, hull: Hull, notes: list[Note]) -> Shape | None:
         words = f"cylinder of radius {size[0]:.4g} m, length {size[1]:.4g} m"
     else:
         return None
-    # How much the mesh fills tells the user how much of the shape the primitive adds.
+    # The filled share shows the user how much volume the primitive adds.
     notes.append(Note(f"mesh {shape.address}", words, f"it fills {min(100.0, 100 * hull.volume / volume):.0f} % of it"))
     return Shape(kind, tuple(size), shape.X_LG.multiply(X_GF), where=shape.where)
 

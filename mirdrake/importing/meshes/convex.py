@@ -198,7 +198,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
         missing = missing or fault
         gain = 0 < len(parts) <= max(room, 1) and sum(part.volume for part in parts) < _GAIN * hull.volume
         hulls.extend(parts if gain else [hull])
-    # Without a volume of the mesh, parts with more volume than the hull of all are no improvement.
+    # Without a volume of the mesh, parts with more volume than the hull of all are not an improvement.
     if sum(hull.volume for hull in hulls) > whole.volume and len(hulls) > 1 and volume is None:
         hulls = [whole]
     return Parts(tuple(hulls), whole, volume, missing)

@@ -66,7 +66,7 @@ class Scenario:
         if self.root.tag != "OpenSCENARIO":
             raise ConfigError(f"{self.where(self.root)}: <{self.root.tag}> is not OpenSCENARIO")
         if self.root.find("Storyboard") is None:
-            raise ConfigError(f"{self.where(self.root)}: no <Storyboard>; catalogues and variations are no scenarios")
+            raise ConfigError(f"{self.where(self.root)}: no <Storyboard>; catalogues and variations are not scenarios")
         self.parameters = {
             element.get("name", ""): element.get("value", "")
             for element in self.root.iterfind("ParameterDeclarations/ParameterDeclaration")

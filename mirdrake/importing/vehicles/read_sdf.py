@@ -239,7 +239,7 @@ class _Reader:
         where = self._files.where(element)
         read = read_shape(element, self._files, self._models, scope.folder, check_sizes=False)
         shape, remark = read.shape, read.remark
-        # A missing shape without a tag is an empty <geometry>, which means nothing to draw and is no change.
+        # A missing shape without a tag is an empty <geometry>, which means nothing to draw and is not a change.
         if shape is None or shape.kind == "polyline":
             if read.tag:
                 self._change(

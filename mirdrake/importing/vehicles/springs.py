@@ -137,7 +137,7 @@ def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
         # A swing arm moves the wheel with axis x arm: the rate is the vertical component, a lever in m.
         arm = wheel - roles.tree.pose(joint).translation()
         lever = float(np.cross(axis, arm)[2])
-        # With a shorter lever the wheel moves mainly to the side, so that the joint is no suspension.
+        # With a shorter lever the wheel moves mainly to the side, so that the joint is not a suspension.
         return lever if abs(lever) > 0.3 * float(np.linalg.norm(arm)) else 0.0
     return 0.0
 

@@ -77,7 +77,7 @@ def _figure(words: set[str]) -> str | None:
     """Return the quantity that a key denotes, recognised by its words."""
     steers = any(word.startswith("steer") for word in words)
     brakes = any(word.startswith("brak") for word in words)
-    # Words such as "gain" or "topic" mark keys that are no limits.
+    # Words such as "gain" or "topic" mark keys that are not limits.
     if words & _OTHER:
         return None
     if steers:

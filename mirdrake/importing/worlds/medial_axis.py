@@ -156,7 +156,7 @@ def _branches(edges: NDArray[np.int64], vertices: Array, clear: Array) -> tuple[
     for a, b in edges.tolist():
         beside.setdefault(a, set()).add(b)
         beside.setdefault(b, set()).add(a)
-    # Dead ends are no part of a circuit.
+    # Dead ends are not part of a circuit.
     tips = deque(vertex for vertex, near in beside.items() if len(near) == 1)
     while tips:
         tip = tips.popleft()

@@ -122,7 +122,7 @@ class BlockBench(SignalBench):
         # b / (s + a): K = b / a, T = 1 / a; the floor keeps an integrator from dividing by zero.
         gain, pole = first.numerator[0], max(first.denominator[1], 1e-9)
         lag = FirstOrder(gain / pole, 1.0 / pole, first.delay)
-        # A time constant that long cannot be told from an integrator within the frequencies of the fit.
+        # A time constant that long cannot be distinguished from an integrator within the frequencies of the fit.
         is_slow = lag.time_constant > SLOWEST * (lag.delay + hold)
         simple = Integrator(gain, first.delay) if is_slow else lag
         experiment = simple_experiment("linear_model", simple, fit_percent=first_fit)

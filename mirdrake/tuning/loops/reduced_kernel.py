@@ -76,7 +76,7 @@ def simulate_test(
         wanted: set-point of each period, less the start, times scale, shape (k).
         feedforward: control that is added, shape (k) [u].
         loads: part of the effort without dead time, shape (k) [u].
-        resistances: forces on the plant that are no effort, shape (k) [u].
+        resistances: forces on the plant that are not effort, shape (k) [u].
         noise: of the measurement, shape (k).
         outputs: overwritten, shape (k) [y].
         efforts: overwritten with the effort that acts, shape (k) [u].

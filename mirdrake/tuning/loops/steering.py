@@ -126,7 +126,7 @@ class SteeringLoop(VehicleLoop):
             relay = run_relay_test(
                 process, period=period, amplitude=size, reference=0.0, duration=15.0, tolerance=0.1, refine=False
             )
-            # The ultimate point then belongs to the loop with that derivative part, which the report says.
+            # The ultimate point then belongs to the loop with that derivative part, as the report states.
             experiments.append(replace(relay_experiment(relay), derivative_on=bool(gains["kd"])))
         except MirdrakeError as error:
             experiments.append(failed_relay(error))
