@@ -190,7 +190,7 @@ class _Seeker:
         result = self.tried[tuple(self.values(point).values())].result
         assert self.quantiles is not None
         share = self.quantiles.rescore(result).share
-        # A run that could not be judged has no information about the margin; it must not attract the search, so it is large.
+        # A run that could not be judged has no information about the margin. Its value is large, to repel the search.
         return share if math.isfinite(share) else 1e9
 
     def evaluate(self, run_cases: RunCases, points: Array) -> None:

@@ -150,7 +150,9 @@ class HoldLaneSpec(Driver):
     offset: Length = Field(0.0, description="of the lane, to the left of the centre line [m]")
     speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
     distance: Length = Field(2.0, ge=0.0, description="gap in front of the car when it stops [m]")
-    clearance: Length = Field(0.2, ge=0.0, description="lateral distance within which an object obstructs the vehicle [m]")
+    clearance: Length = Field(
+        0.2, ge=0.0, description="lateral distance within which an object obstructs the vehicle [m]"
+    )
     lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
     acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
     deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration, also of the stop [m/s^2]")
