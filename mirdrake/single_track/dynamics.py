@@ -528,7 +528,7 @@ def _fill_rates(
         motion[i] = quantities[i]
 
 
-def read_state(row: Sequence[float], k: Sequence[int]) -> State:
+def read_state(row: Sequence[float], k: Sequence[int] | npt.NDArray[np.int64]) -> State:
     """Return the states of a row whose column of each field of :class:`State` is in `k`; -1: zero."""
     # Written out, not in a loop: Numba needs the fields of a named tuple at compile time.
     return State(
