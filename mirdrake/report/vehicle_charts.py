@@ -192,7 +192,9 @@ def _plan_lateral_error(
         caption += f"Largest: {largest} to the {side} at {format_time(float(signals.time[worst]))}; "
         caption += f"root mean square {format_quantity(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
+    panels = [Panel("Lateral error", "m", [curve], zero=True)]
     # A small error would be a flat line on the scale of the road, so a second panel shows it across the road.
+    across = "The same across the road"
     if road_edges is not None:
         edges = [
             Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
@@ -201,31 +203,23 @@ def _plan_lateral_error(
         room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
         smallest = format_quantity(room, "m", digits=2)
         caption += f" Dashed: the edges of the road; the middle of the car is at least {smallest} from them."
-        across = Panel("The same across the road", "m", [curve, *edges], zero=True, relative_height=0.62)
-        return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), across], caption
-    if not road_width:
-        return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True)], caption
-    edge, colour = road_width / 2.0, "right"
-    # Half a body inside the edge, a wheel leaves the road.
-    room = edge - body_width / 2.0 if body_width and body_width < road_width else edge
-    top = max(1.15 * edge, 1.1 * size)
-    bands = [(limit, 2.0 * top, colour) for limit in sorted({room, edge})] + [
-        (-2.0 * top, -limit, colour) for limit in sorted({room, edge})
-    ]
-    width = format_quantity(road_width, "m")
-    middle = f"beyond {format_quantity(edge, 'm')} the middle of the car leaves the {width} wide road."
-    caption += f" Shaded: beyond {format_quantity(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
-    caption += middle
-    on_road = Panel("The same across the road", "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62)
-    # A large error is seen well on the scale of the road; a tiny one is not worth a panel.
-    if size > 0.5 * room or size < _NO_ERROR:
-        return (
-            "lateral-error",
-            "Lateral error",
-            [Panel("Lateral error", "m", [curve], limits=(-top, top), bands=bands)],
-            caption,
-        )
-    return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), on_road], caption
+        panels.append(Panel(across, "m", [curve, *edges], zero=True, relative_height=0.62))
+    elif road_width:
+        edge = road_width / 2.0
+        # Half a body inside the edge, a wheel leaves the road.
+        room = edge - body_width / 2.0 if body_width and body_width < road_width else edge
+        top = max(1.15 * edge, 1.1 * size)
+        limits = sorted({room, edge})
+        bands = [(low, 2.0 * top, "right") for low in limits] + [(-2.0 * top, -low, "right") for low in limits]
+        caption += f" Shaded: beyond {format_quantity(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
+        width = format_quantity(road_width, "m")
+        caption += f"beyond {format_quantity(edge, 'm')} the middle of the car leaves the {width} wide road."
+        # A large error is seen well on the scale of the road; a tiny one is not worth a panel.
+        if size > 0.5 * room or size < _NO_ERROR:
+            panels = [Panel("Lateral error", "m", [curve], limits=(-top, top), bands=bands)]
+        else:
+            panels.append(Panel(across, "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62))
+    return "lateral-error", "Lateral error", panels, caption
 
 
 def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | None:

@@ -54,7 +54,9 @@ def check_gltf(path: Path, at: str) -> None:
         raise ModelError(f"{at}: it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}")
     # Values of a wrong type raise errors of every kind below, which all mean a broken file.
     try:
-        _check_links(content)
+        _check_constants(content)
+        _check_appearance(content)
+        _check_nodes(content)
         _check_data(content, path)
     except KeyError as error:
         raise ModelError(f"{at}: broken glTF file: {error} is missing") from None
@@ -86,12 +88,8 @@ def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
     return entries[number]
 
 
-def _check_links(content: Mapping[str, Any]) -> None:
-    """Check that references lead to existing entries, and that nodes form trees.
-
-    Raises:
-        ValueError, KeyError, TypeError or AttributeError: a reference is wrong.
-    """
+def _check_constants(content: Mapping[str, Any]) -> None:
+    """Check the version, and the keys that have one of a few values."""
     if not isinstance(content["asset"]["version"], str):
         raise ValueError("asset.version is not a string")
     # The glTF specification lists the allowed numbers, which readers take without a check of their own.
@@ -102,7 +100,10 @@ def _check_links(content: Mapping[str, Any]) -> None:
                 if key in entry and (isinstance(entry[key], bool) or entry[key] not in allowed):
                     words = ", ".join(map(str, allowed))
                     raise ValueError(f"{kind}[{index}].{key} is {str(entry[key])[:40]}, not one of {words}")
-    # Textures and materials refer to other entries by index, in which VTK trusts.
+
+
+def _check_appearance(content: Mapping[str, Any]) -> None:
+    """Check that textures and materials refer to existing entries, as VTK trusts in."""
     for texture in content.get("textures", []):
         for key, kind in (("source", "images"), ("sampler", "samplers")):
             if key in texture:
@@ -111,7 +112,11 @@ def _check_links(content: Mapping[str, Any]) -> None:
         for part in (material, material.get("pbrMetallicRoughness", {})):
             for key in [key for key in part if key.endswith("Texture")]:
                 _entry(content, "textures", part[key]["index"])
-    # Nodes of glTF form trees; readers that follow a cycle would not end.
+
+
+def _check_nodes(content: Mapping[str, Any]) -> None:
+    """Check that nodes and scenes refer to existing entries and form trees, and that the scene shows a mesh."""
+    # Readers that follow a cycle would not end.
     parents = set()
     for node in content.get("nodes", []):
         if "mesh" in node:
@@ -125,8 +130,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
             numbers = np.array(node.get(key, [0] * count), dtype=float)
             if numbers.shape != (count,) or not np.isfinite(numbers).all():
                 raise ValueError(f"{key} of a node should be {count} numbers")
-    scenes = content["scenes"]
-    for scene in scenes:
+    for scene in content["scenes"]:
         for index in scene.get("nodes", []):
             _entry(content, "nodes", index)
             if index in parents:

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mirdrake.core.errors import MirdrakeError, ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
 
 SLOWEST = 600.0
@@ -18,7 +18,7 @@ def check_loads(folder: Path) -> None:
     Raises:
         ModelError: the vehicle cannot be loaded, or Drake crashed on it.
     """
-    code, words = run_module(__name__, folder, seconds=SLOWEST)
+    code, words = run_module("mirdrake.vehicles.loads", folder, seconds=SLOWEST)
     if code is None:
         raise ModelError(f"{folder.name}: the imported vehicle does not load within {SLOWEST:g} s")
     if code == 2 and words:
@@ -44,22 +44,3 @@ def run_module(module: str, folder: Path, *, seconds: float) -> tuple[int | None
         return None, ""
     last = (done.stderr.strip().splitlines() or [""])[-1]
     return done.returncode, last.replace(f"{shown(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")
-
-
-def main() -> int:
-    """Load the folder that the command line names."""
-    from mirdrake.vehicles.vehicle import load_vehicle, variants
-
-    folder = Path(sys.argv[1])
-    try:
-        load_vehicle(str(folder))
-        for variant in variants(folder):
-            load_vehicle(f"{folder}@{variant}")
-    except MirdrakeError as error:
-        sys.stderr.write(f"{str(error).splitlines()[0]}\n")
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

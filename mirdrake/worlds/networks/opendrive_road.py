@@ -1,4 +1,4 @@
-"""One road of an OpenDRIVE file for a network: its reference line and profiles, and the centre lines of its lanes.
+"""One road of an OpenDRIVE file: its reference line and profiles, the edges and the centre lines of its lanes.
 
 After ASAM OpenDRIVE, chapters "Road reference line", "Elevation" and "Lanes": a lane is between two edges at t(s)
 beside the reference line. Its centre line at t has the heading ψ + atan2(t', 1 - κ t), from the derivative of
@@ -7,6 +7,7 @@ r(s) + t(s) n(s) by s (do Carmo, "Differential Geometry of Curves and Surfaces",
 
 import itertools
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
@@ -43,6 +44,19 @@ class Section:
     """by number"""
     centre: Element | None
     """lane 0, which has road marks only"""
+    where: str
+    """``file:line``"""
+
+    def edges_of(self, lane: str) -> Iterator[int]:
+        """Yield the numbers of the lanes of a type or an id, and of the next lanes towards the centre, or 0."""
+        for sign in (1, -1):
+            inner = 0
+            for number in sorted((n for n in self.lanes if n * sign > 0), key=abs):
+                element = self.lanes[number].element
+                if lane in {element.get("type"), element.get("id")}:
+                    yield inner
+                    yield number
+                inner = number
 
 
 @dataclass(frozen=True)
@@ -69,34 +83,38 @@ class RoadLanes:
     Args:
         road: its element.
         places: line of each element, for messages.
+        carry: whether a section of one side (`singleSide`) has the lanes of the section before on the other side.
 
     Raises:
         ConfigError: the road has no length or no lanes.
 
     Attributes:
         id: its id.
+        name: its name, or its id.
         where: ``file:line`` of the road.
         element: its element.
         junction: id of its junction, or None.
+        legs: stations [m] and geometries of the reference line.
         length: length of the reference line [m], as its stations state.
         sections: its lane sections.
     """
 
-    def __init__(self, road: Element, places: Places) -> None:
+    def __init__(self, road: Element, places: Places, *, carry: bool = False) -> None:
         self.id, self.where, self.element, self._places = road.get("id", ""), places[road], road, places
+        self.name = road.get("name", "") or self.id
         junction = road.get("junction", "-1")
         self.junction = None if junction in {"-1", ""} else junction
         geometries = sorted(road.iterfind("planView/geometry"), key=lambda part: number_of(part, "s", places))
         legs = [(number_of(part, "s", places), read_leg(part, places)) for part in geometries]
-        self._legs: list[tuple[float, Leg]] = [(s, leg) for s, leg in legs if leg is not None]
-        if not self._legs:
-            raise ConfigError(f"{self.where}: road '{self.id}' has no <geometry> of any length in <planView>")
+        self.legs: list[tuple[float, Leg]] = [(s, leg) for s, leg in legs if leg is not None]
+        if not self.legs:
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
         # The stated station of the last geometry counts, since all tables refer to stated stations.
-        self.length = self._legs[-1][0] + self._legs[-1][1].length
+        self.length = self.legs[-1][0] + self.legs[-1][1].length
         self._offset = Cubics.read(road.iterfind("lanes/laneOffset"), "s", places)
         self._elevation = Cubics.read(road.iterfind("elevationProfile/elevation"), "s", places)
         self._banking = Cubics.read(road.iterfind("lateralProfile/superelevation"), "s", places)
-        self.sections = self._read_sections(road)
+        self.sections = self._read_sections(road, carry=carry)
 
     def limit(self, s: float) -> float | None:
         """Return the speed limit of the road at a station [m/s]; None without one."""
@@ -107,7 +125,7 @@ class RoadLanes:
     def stations(self, section: Section) -> Array:
         """Return stations of a section [m] at which polylines are accurate to 1 mm, with all joints."""
         # Polynomials change at these stations, and edges may have kinks there: each must be a node.
-        breaks = {section.begin, section.end, *(s for s, _ in self._legs)}
+        breaks = {section.begin, section.end, *(s for s, _ in self.legs)}
         for table in (self._offset, self._elevation, self._banking):
             breaks.update(table.rows[:, 0].tolist())
         for lane in section.lanes.values():
@@ -120,7 +138,7 @@ class RoadLanes:
             # The bend of a part is estimated from nine samples, of the reference line and of all edges.
             u = np.linspace(begin, end, 9)
             bend = np.abs(self._reference(u)[3]).max()
-            for edge in self._edges(section, u, begin).values():
+            for edge in self.edges(section, u, begin).values():
                 bend = max(bend, float(np.abs(edge[2]).max()) + bend)
             # Sagitta of a curve with curvature k over a step h: k h² / 8.
             step = min(_STEPS[1], max(_STEPS[0], math.sqrt(8.0 * _SAGITTA / max(bend, 1e-9))))
@@ -141,7 +159,7 @@ class RoadLanes:
         t, slope, width = np.empty_like(s), np.empty_like(s), np.empty_like(s)
         for i, j in itertools.pairwise(np.unique(np.concatenate(([0], ends)))):
             part = slice(i, j + 1)
-            edges = self._edges(section, s[part], float(s[i]))
+            edges = self.edges(section, s[part], float(s[i]))
             (a, da, _), (b, db, _) = edges[inner], edges[outer]
             t[part], slope[part], width[part] = (a + b) / 2.0, (da + db) / 2.0, np.abs(b - a)
         x, y, yaw, k = self._reference(s)
@@ -167,32 +185,36 @@ class RoadLanes:
 
     # --- the inner parts ------------------------------------------------------------------------------------------
 
-    def _read_sections(self, road: Element) -> list[Section]:
+    def _read_sections(self, road: Element, *, carry: bool) -> list[Section]:
         elements = sorted(road.iterfind("lanes/laneSection"), key=lambda e: number_of(e, "s", self._places))
         if not elements:
-            raise ConfigError(f"{self.where}: road '{self.id}' has no <laneSection> and therefore no width")
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection> and therefore no width")
         begins = [max(0.0, number_of(e, "s", self._places)) for e in elements]
         # The first section must cover the start, even if the file lets it begin a little later.
         begins[0] = 0.0
         ends = [*begins[1:], self.length]
-        return [
-            self._read_section(element, begin, end)
-            for element, begin, end in zip(elements, begins, ends, strict=True)
+        sections: list[Section] = []
+        for element, begin, end in zip(elements, begins, ends, strict=True):
             # Sections without length have no nodes.
-            if end - begin > 1e-3
-        ]
+            if end - begin > 1e-3:
+                before = sections[-1].lanes if carry and sections and element.get("singleSide") == "true" else {}
+                sections.append(self._read_section(element, begin, end, before))
+        return sections
 
-    def _read_section(self, section: Element, begin: float, end: float) -> Section:
+    def _read_section(self, section: Element, begin: float, end: float, before: Mapping[int, LaneRow]) -> Section:
         lanes: dict[int, LaneRow] = {}
-        for side in ("left", "right"):
+        for side, sign in (("left", 1), ("right", -1)):
+            if section.find(side) is None:
+                lanes |= {number: row for number, row in before.items() if number * sign > 0}
             for element in section.iterfind(f"{side}/lane"):
                 number = round(number_of(element, "id", self._places))
                 widths = Cubics.read(element.iterfind("width"), "sOffset", self._places, begin=begin)
                 borders = Cubics.read(element.iterfind("border"), "sOffset", self._places, begin=begin)
                 lanes[number] = LaneRow(element, number, element.get("type", "none"), widths, borders)
-        return Section(begin, end, dict(sorted(lanes.items())), section.find("center/lane"))
+        centre = section.find("center/lane")
+        return Section(begin, end, dict(sorted(lanes.items())), centre, self._places[section])
 
-    def _edges(self, section: Section, s: Array, at: float) -> dict[int, tuple[Array, Array, Array]]:
+    def edges(self, section: Section, s: Array, at: float) -> dict[int, tuple[Array, Array, Array]]:
         """Return t of the outer edge of each lane, and of 0, with two derivatives, at stations between two breaks."""
         middle = self._offset(s, at)
         edges = {0: middle}
@@ -211,6 +233,11 @@ class RoadLanes:
                 edges[number] = inner
         return edges
 
+    def breaks(self) -> set[float]:
+        """Return the stations at which an edge of a lane may jump or bend [m]."""
+        inner = (s for section in self.sections for s in (section.begin, *self._all_breaks(section).tolist()))
+        return {*self._offset.rows[:, 0].tolist(), *inner}
+
     def _all_breaks(self, section: Section) -> Array:
         """Return the starts of all polynomials of lanes within a section [m]."""
         tables = [self._offset, *(table for lane in section.lanes.values() for table in (lane.widths, lane.borders))]
@@ -219,11 +246,11 @@ class RoadLanes:
 
     def _reference(self, s: Array) -> tuple[Array, Array, Array, Array]:
         """Return x, y, heading and curvature of the reference line at stations."""
-        starts = np.array([begin for begin, _ in self._legs])
+        starts = np.array([begin for begin, _ in self.legs])
         leg_of = np.clip(np.searchsorted(starts, s + SAME, side="right") - 1, 0, len(starts) - 1)
         x, y, yaw, k = (np.empty_like(s) for _ in range(4))
         for i in np.unique(leg_of):
-            begin, leg = self._legs[i]
+            begin, leg = self.legs[i]
             here = leg_of == i
             # Stated stations and lengths differ by rounding: between two geometries the end of the first one is held.
             u = np.clip(s[here] - begin, 0.0, leg.length)
