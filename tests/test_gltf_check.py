@@ -11,7 +11,7 @@ from pydrake.geometry import Box, GeometryInstance, Mesh, SceneGraph
 from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.hulls import read_hull
+from mirdrake.core.hulls import hull_points
 from mirdrake.core.paths import data_root
 from mirdrake.vehicles.gltf_check import check_gltf
 
@@ -77,7 +77,7 @@ def test_a_mesh_that_drake_cannot_read_is_one_line(tmp_path: Path) -> None:
     add = scene.RegisterAnchoredGeometry
     broken = add(source, GeometryInstance(RigidTransform(), Mesh(str(path)), "body"))
     box = add(source, GeometryInstance(RigidTransform(), Box(1, 1, 1), "box"))
-    assert read_hull(scene.model_inspector(), box) is None
+    assert hull_points(scene.model_inspector(), box) is None
     with pytest.raises(ModelError, match="'body': Drake cannot read its mesh") as caught:
-        read_hull(scene.model_inspector(), broken)
+        hull_points(scene.model_inspector(), broken)
     assert "\n" not in str(caught.value)

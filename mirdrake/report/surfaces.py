@@ -28,7 +28,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 
-from mirdrake.core.hulls import read_hull
+from mirdrake.core.hulls import hull_points
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.viewer.pages import data_address
@@ -116,11 +116,10 @@ def _triangulate(
             return [(points * scale, faces, colours) for points, faces, colours in parts]
         _report_hull(str(shape.source().path()))
     if mesh is None:
-        hull = read_hull(inspector, geometry)
-        if hull is None:
+        points = hull_points(inspector, geometry)
+        if points is None:
             return []
-        points = [hull.vertex(index) for index in range(hull.num_vertices())]
-        mesh = trimesh.convex.convex_hull(np.array(points))
+        mesh = trimesh.convex.convex_hull(points)
     return [(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.tile(colour, (len(mesh.faces), 1)))]
 
 

@@ -26,7 +26,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.hulls import read_hull
+from mirdrake.core.hulls import bounding_points
 from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,
@@ -148,21 +148,8 @@ def _solids(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBo
 
 def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: Sequence[GeometryId]) -> Points:
     """Return points (n, 3) in base_link with the bounding box of the shapes: hulls of meshes, corners of boxes."""
-    clouds = [np.empty((0, 3))]
-    # Hulls are exact, boxes bound the shapes that have none.
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-    for geometry in geometries:
-        X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
-        hull = read_hull(inspector, geometry)
-        if hull is not None:
-            points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
-        elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:
-            half = signs * np.asarray(box.half_width())
-            points = half @ box.pose().rotation().matrix().T + box.pose().translation()
-        else:  # a half space is unbounded
-            continue
-        clouds.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
-    return np.vstack(clouds)
+    clouds = [bounding_points(inspector, X_WB, geometry) for geometry in geometries]
+    return np.vstack([np.empty((0, 3)), *(points for points in clouds if points is not None)])
 
 
 def _size(points: Points) -> tuple[float, float, float]:

@@ -31,7 +31,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from mirdrake.core.errors import MirdrakeError, MissingDependencyError
-from mirdrake.core.hulls import read_hull
+from mirdrake.core.hulls import bounding_points
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors.cameras.rendering import add_renderer, use_plain_textures
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -126,23 +126,15 @@ def _pose(parts: PlantParts, part: VehicleInPlant, context: Context) -> Context:
 def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> list[Array]:
     """Return points (n, 3) [m] with the hull of each visual shape."""
     inspector = parts.scene_graph.model_inspector()
-    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     # The axles are always in the picture, even if a vehicle has no visual shapes.
     hulls = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
     for index in parts.plant.GetBodyIndices(part.instance):
         body = parts.plant.get_body(index)
         X_WB = parts.plant.EvalBodyPoseInWorld(context, body)
         for geometry in parts.plant.GetVisualGeometriesForBody(body):
-            X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
             # Convex hulls of meshes are much smaller than the meshes and have the same extent.
-            hull = read_hull(inspector, geometry)
-            if hull is not None:
-                points = np.array([hull.vertex(number) for number in range(hull.num_vertices())])
-            elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:
-                points = (signs * box.half_width()) @ box.pose().rotation().matrix().T + box.pose().translation()
-            else:
-                continue
-            hulls.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
+            points = bounding_points(inspector, X_WB, geometry)
+            hulls += [] if points is None else [points]
     return hulls
 
 

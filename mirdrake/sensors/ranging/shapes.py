@@ -27,7 +27,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 
-from mirdrake.core.hulls import read_hull
+from mirdrake.core.hulls import hull_points
 from mirdrake.sensors.ranging.faces import Array, Faces, Quadric, flat, joined
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -47,9 +47,8 @@ def faces_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Faces | No
     if faces is None and isinstance(shape, Mesh):
         faces = _mesh(shape)
     if faces is None:
-        hull = read_hull(inspector, geometry)
-        if hull is not None:
-            points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+        points = hull_points(inspector, geometry)
+        if points is not None:
             solid = trimesh.convex.convex_hull(points)
             faces = flat(solid.vertices, solid.faces)
     return faces
