@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirdrake.core.files import staging, write_errors
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.report.plan import Overlap, draw_plan, find_overlaps
 from mirdrake.worlds import World
 from mirdrake.worlds.lock import content_hash, content_text, lock_content
@@ -69,7 +69,7 @@ def file_name(name: str) -> str:
 
 def _write_all(folder: Path, files: dict[str, bytes]) -> None:
     """Write all files or none."""
-    with write_errors(Path(shown(folder))):
+    with write_errors(Path(display_path(folder))):
         for name in files:
             if (folder / name).is_dir():
                 raise IsADirectoryError(0, f"{name} is a folder")

@@ -12,7 +12,7 @@ from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, parse_yaml, validate
-from mirdrake.core.yaml_tree import lay_over
+from mirdrake.core.yaml_tree import merge_over
 from mirdrake.sensors.cameras.mounts import CameraMount
 from mirdrake.sensors.gps import GpsMount
 from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
@@ -265,7 +265,7 @@ def test_a_preset_in_a_diagram_replaces_all_of_a_mount_but_its_place(old: str | 
 def test_a_preset_in_a_variant_replaces_a_mount_likewise() -> None:
     text = "mounts:\n  gps: {kind: gps, rate: 3, noise: 7, frame: mast}\n"
     over = parse_tree("mounts: {gps: {preset: rtk_gps}}", "variant.yaml")
-    data, source = lay_over(*parse_tree(text, "sensors.yaml"), *over)
+    data, source = merge_over(*parse_tree(text, "sensors.yaml"), *over)
     (mount,) = validate(data, SensorsSpec, source).mounts.values()
     assert product_of(mount) == product_of(mounts("  gps: {preset: rtk_gps, frame: mast}").mounts["gps"])
 

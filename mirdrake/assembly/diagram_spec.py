@@ -24,10 +24,10 @@ from mirdrake.core.yaml_io import (
     Length,
     Schema,
     Speed,
+    display_path,
     matching,
     parse_yaml,
     read_text,
-    shown,
     validate,
     where,
 )
@@ -301,7 +301,7 @@ def parse_diagram(text: str, path: Path, *, overrides: Iterable[str] = ()) -> Di
     Raises:
         ConfigError: the text has faults.
     """
-    spec = parse_yaml(text, DiagramSpec, name=shown(path), overrides=overrides)
+    spec = parse_yaml(text, DiagramSpec, name=display_path(path), overrides=overrides)
 
     # Paths in the file are relative to it, so they are made absolute before the spec leaves the file.
     if "name" not in spec.model_fields_set:

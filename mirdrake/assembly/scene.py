@@ -33,8 +33,8 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import MirdrakeError, RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.paths import data_root
-from mirdrake.core.yaml_io import Source, shown, validate, where
-from mirdrake.core.yaml_tree import lay_over
+from mirdrake.core.yaml_io import Source, display_path, validate, where
+from mirdrake.core.yaml_tree import merge_over
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.mounts import change_mounts
 from mirdrake.vehicles.spec import JOINT_LOOPS, ControlSpec
@@ -164,7 +164,7 @@ def change_control(control: ControlSpec, changes: Mapping[str, Any], *, source: 
         ConfigError: no such entry, or a value out of range.
     """
     below = (control._source or Source("control", {}))._replace(prefix=())
-    data, places = lay_over(control.model_dump(exclude_unset=True), below, dict(changes), source)
+    data, places = merge_over(control.model_dump(exclude_unset=True), below, dict(changes), source)
     return validate(data, ControlSpec, places)
 
 
@@ -198,13 +198,13 @@ def read_scene(folder: Path) -> Scene:
         data = json.loads(path.read_text(encoding="utf-8"))
         # A run folder may come from another version of mirdrake.
         if data["mirdrake"] != FORMAT:
-            raise RunError(f"{shown(path)}: format {data['mirdrake']!r} is not known; known: {FORMAT}")
+            raise RunError(f"{display_path(path)}: format {data['mirdrake']!r} is not known; known: {FORMAT}")
         return _read(data, path.parent)
     except MirdrakeError:
         raise
     except _DAMAGE as error:
         reason = (str(error).splitlines() or [""])[0][:200]
-        raise RunError(f"{shown(path)}: damaged: {type(error).__name__}: {reason}") from None
+        raise RunError(f"{display_path(path)}: damaged: {type(error).__name__}: {reason}") from None
 
 
 def changed_files(scene: Scene, folder: Path) -> list[str]:
@@ -217,7 +217,7 @@ def changed_files(scene: Scene, folder: Path) -> list[str]:
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return []
     changed = [path for path, recorded in paths.items() if not path.is_file() or _digest_of(path) != recorded]
-    return ["the world"] * (lock != lock_text(scene.world)) + [shown(path) for path in changed]
+    return ["the world"] * (lock != lock_text(scene.world)) + [display_path(path) for path in changed]
 
 
 def _read(data: Mapping[str, Any], place: Path) -> Scene:
@@ -226,11 +226,11 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
         mesh = _resolve(reference)
         now = _digest_of(mesh) if mesh.is_file() else None
         if now is None:
-            changes.append(f"{shown(mesh)}: is missing; the run is shown without it")
+            changes.append(f"{display_path(mesh)}: is missing; the run is shown without it")
         elif now != recorded:
-            changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
+            changes.append(f"{display_path(mesh)}: has changed since the run; it is shown as it is now")
     grids = {name: place / copy for name, copy in data.get("grids", {}).items()}
-    world = read_world(data["world"], _find, location=shown(place / FILE), grids=grids)
+    world = read_world(data["world"], _find, location=display_path(place / FILE), grids=grids)
     # Missing meshes are left out, so that an old run can still be drawn.
     world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
     vehicles = {}
@@ -239,7 +239,7 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
         urdf = (place / f"{name}.urdf").read_text(encoding="utf-8")
         known = {key: folder for key, folder in packages.items() if Path(folder).is_dir()}
         vehicles[name] = read_vehicle(
-            entry, urdf=_without_missing(urdf, packages), packages=known, place=shown(place / FILE)
+            entry, urdf=_without_missing(urdf, packages), packages=known, place=display_path(place / FILE)
         )
     return Scene(world, vehicles, tuple(changes))
 

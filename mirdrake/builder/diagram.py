@@ -37,7 +37,7 @@ from mirdrake.core.json_io import Json
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.paths import find
 from mirdrake.core.signals import signals_of
-from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.core.yaml_io import display_path, read_text
 from mirdrake.core.yaml_rewrite import rewrite
 from mirdrake.core.yaml_tree import parse_tree
 from mirdrake.runs.logs import Run
@@ -498,7 +498,7 @@ class Diagram:
         try:
             # The user's own file keeps its comments and order if the changes can be made in it and it then means the
             # same.
-            text = rewrite(text, _data_of(text, target), data, name=shown(target))
+            text = rewrite(text, _data_of(text, target), data, name=display_path(target))
             written = _data_of(text, target)
             same = make_spec(written).model_dump() == make_spec(copy.deepcopy(data)).model_dump()
         except ConfigError:
@@ -682,7 +682,7 @@ def _data_of(text: str, path: Path) -> Json:
         ConfigError: the text has faults.
     """
     data = parse_diagram(text, path).model_dump(mode="json", exclude_unset=True)
-    if "name" not in parse_tree(text, shown(path))[0]:
+    if "name" not in parse_tree(text, display_path(path))[0]:
         del data["name"]
     return data
 

@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake.core.errors import MirdrakeError, ModelError
 from mirdrake.core.paths import resolved
 from mirdrake.core.xml_reader import parse_xml
-from mirdrake.core.yaml_io import shown, where
+from mirdrake.core.yaml_io import display_path, where
 from mirdrake.plant.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.inspect_urdf import find_faults, resolve_meshes
@@ -109,7 +109,7 @@ def _layout(folder: Path) -> Iterator[str]:
         if not (folder / name).exists():
             near = get_close_matches(name, entries, n=1)
             hint = f"; is it '{near[0]}'?" if near else ""
-            yield f"{shown(folder / name)}: no such file{hint}"
+            yield f"{display_path(folder / name)}: no such file{hint}"
 
 
 def _not_xml(folder: Path) -> Iterator[str]:
@@ -117,7 +117,7 @@ def _not_xml(folder: Path) -> Iterator[str]:
     for path in sorted(folder.glob("*.xacro")):
         if path.is_file():
             try:
-                parse_xml(path.read_bytes(), shown(path), error=ModelError)
+                parse_xml(path.read_bytes(), display_path(path), error=ModelError)
             except ModelError as error:
                 yield str(error)
 

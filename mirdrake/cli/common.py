@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, RunError, did_you_mean
 from mirdrake.core.paths import names
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:
     from mirdrake.assembly.diagram import Assembly
@@ -233,7 +233,7 @@ def terminated_like_interrupted() -> Iterator[None]:
 
 def print_files(folder: Path, files: Sequence[tuple[str, str]], *, note: str = "", indent: str = "") -> None:
     """Print a folder and, of the given (file, meaning), those that it holds."""
-    print(f"{indent}{shown(folder)}/{note}")
+    print(f"{indent}{display_path(folder)}/{note}")
     width = max((len(name) for name, _ in files), default=0)
     for name, meaning in files:
         if (folder / name).is_file():
@@ -272,4 +272,4 @@ def shortest_name(kind: str, path: Path) -> str:
 
     name = path.stem if kind == "diagrams" else path.name
     known = names(kind).get(name)
-    return name if known is not None and known.resolve() == path.resolve() else shown(path)
+    return name if known is not None and known.resolve() == path.resolve() else display_path(path)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import add_set, add_trust, assemble_for_display, skipped_lines
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 User modules (kind: "module:Class") are executed only with --trust; without it they are not drawn.
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"--out {out}: the name must end in .svg or .dot")
     draw = draw_svg if out.suffix == ".svg" else write_dot
     write_file(out, draw(assembly, expand=options.expand))
-    print(shown(out))
+    print(display_path(out))
     for line in skipped_lines(skipped, "drawn"):
         print(f"  {line}")
     return 0

@@ -8,7 +8,7 @@ from typing import Any
 from mirdrake.cli.common import add_set, kind_of, parse_names, positive_time, whole_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 Open the address in a browser. Arrow keys or W A S D, a game pad or sliders drive the vehicle; space stops it. The views
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     for recorded in cockpit.drive.runs:
         if options.pages and not recorded.signals.empty:
             _write_pages(recorded)
-        print(f"recorded: {shown(recorded.folder)}" if recorded.folder else "", flush=True)
+        print(f"recorded: {display_path(recorded.folder)}" if recorded.folder else "", flush=True)
     return 0
 
 
@@ -120,6 +120,6 @@ def _write_pages(run: Any) -> None:
     from mirdrake.report import write_report
     from mirdrake.viewer import write_recording
 
-    print(f"writing recording.html and report.html of {shown(run.folder)}", flush=True)
+    print(f"writing recording.html and report.html of {display_path(run.folder)}", flush=True)
     write_recording(run, frames_per_second=run.spec["record"]["frames"])
     write_report(run, diagram_svg=None)

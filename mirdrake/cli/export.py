@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import print_changes
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 mcap    run.mcap: signals, poses, pictures, scans and events, for Foxglove and other readers of MCAP
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
         if not target.is_dir():
             raise ConfigError(f"--out {target}: is not a folder; make it first")
         for path, frames in write_videos(done, target).items():
-            print(f"{shown(path)}  {frames} frames")
+            print(f"{display_path(path)}  {frames} frames")
         return 0
     path = options.out or folder / {"mcap": "run.mcap", "csv": "signals.csv"}[options.to]
     if path.is_dir():
@@ -54,12 +54,12 @@ def run(options: argparse.Namespace) -> int:
         from mirdrake.export.tables import write_csv
 
         for table, rows in write_csv(done, path).items():
-            print(f"{shown(table)}  {rows} rows")
+            print(f"{display_path(table)}  {rows} rows")
         return 0
     from mirdrake.export.mcap import write_mcap
 
     counts = write_mcap(done, path)
-    print(shown(path))
+    print(display_path(path))
     for topic, count in sorted(counts.items()):
         print(f"  {topic:32} {count} messages")
     return 0

@@ -25,13 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Plan the changes, print them and write the files."""
     from mirdrake.core.errors import ConfigError
-    from mirdrake.core.yaml_io import shown
+    from mirdrake.core.yaml_io import display_path
     from mirdrake.identification.apply import describe, plan_apply, read_fit
 
     fit = read_fit(options.fit)
     vehicle = options.vehicle or options.name
     if vehicle is None:
-        raise ConfigError(f"the vehicle is missing: mirdrake identify apply {shown(options.fit)} --vehicle bolt")
+        raise ConfigError(f"the vehicle is missing: mirdrake identify apply {display_path(options.fit)} --vehicle bolt")
     change = plan_apply(fit, vehicle)
     # All notes and differences are printed before the first file is written.
     for line in describe(change):
@@ -44,5 +44,5 @@ def run(options: argparse.Namespace) -> int:
     for file in change.files:
         if not options.dry_run:
             file.write()
-        print(f"{shown(file.path)}: {'not written (--dry-run)' if options.dry_run else 'written'}")
+        print(f"{display_path(file.path)}: {'not written (--dry-run)' if options.dry_run else 'written'}")
     return 0

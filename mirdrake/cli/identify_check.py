@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import add_quiet, parse_names
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import load_yaml, read_tree, shown
+from mirdrake.core.yaml_io import display_path, load_yaml, read_tree
 
 MORE = """\
 WHAT is a data file (mirdrake: data/1), an identification study, or a log itself: CSV, Parquet, MAT, a bag, MCAP, a run
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
     given = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
     if is_yaml and given:
-        raise ConfigError(f"--{given[0]}: {shown(path)} has its own mapping; write it there")
+        raise ConfigError(f"--{given[0]}: {display_path(path)} has its own mapping; write it there")
     if is_yaml:
         tree, _ = read_tree(path)
         is_study = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("identification/")
@@ -73,5 +73,5 @@ def run(options: argparse.Namespace) -> int:
         left = report.unrepaired_faults
         print(f"{len(report.repairs)} repairs; " + (f"{len(left)} faults are left" if left else "no fault is left"))
         if options.report is not None:
-            print(f"  {shown(options.report)}")
+            print(f"  {display_path(options.report)}")
     return 1 if report.unrepaired_faults else 0

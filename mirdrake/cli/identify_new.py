@@ -6,7 +6,7 @@ from pathlib import Path
 from mirdrake.cli.common import add_quiet
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 LOG is a file of any known format, a bag or a run folder. Channels are guessed by the names of columns (English, German,
@@ -34,20 +34,24 @@ def run(options: argparse.Namespace) -> int:
     log: Path = options.log
     out: Path = options.out or log.with_suffix(".yaml")
     if out.exists() and not options.force:
-        raise ConfigError(f"{shown(out)}: exists already; give --out FILE.yaml, or --force to replace it")
+        raise ConfigError(f"{display_path(out)}: exists already; give --out FILE.yaml, or --force to replace it")
     # A data file names its logs relative to its own folder.
     if out.resolve().parent != log.resolve().parent:
-        raise ConfigError(f"--out {shown(out)}: write it into the folder of the log, {shown(log.resolve().parent)}")
+        raise ConfigError(
+            f"--out {display_path(out)}: write it into the folder of the log, {display_path(log.resolve().parent)}"
+        )
     proposal = propose_data(log)
     if not proposal.channels:
         names = ", ".join(other.column for other in proposal.others[:20])
-        raise ConfigError(f"{shown(log)}: no column has a known name; map them with --map of identify check: {names}")
+        raise ConfigError(
+            f"{display_path(log)}: no column has a known name; map them with --map of identify check: {names}"
+        )
     text = proposal_text(proposal)
     write_file(out, text.encode())
     if not options.quiet:
         print(text)
         for line in missing_channels(proposal):
             print(line)
-        name = shown(out)
+        name = display_path(out)
         print(f"{name}: check each line, then\n  mirdrake identify check {name}\n  mirdrake identify {name}")
     return 0

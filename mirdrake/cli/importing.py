@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import parse_pairs, shortest_name
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:
     from mirdrake.importing.vehicles import ImportPlan, ImportResult
@@ -113,12 +113,12 @@ def _print_result(result: "ImportResult") -> None:
     for warning in result.warnings:
         print(f"warning: {warning}")
     geometry, name = result.vehicle.geometry, shortest_name("models", result.folder)
-    print(f"{shown(result.folder)}/")
+    print(f"{display_path(result.folder)}/")
     print(
         f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "
         f"{_radii((geometry.front_wheel_radius, geometry.rear_wheel_radius))}, {result.vehicle.spec.drive} drive"
     )
-    print(f"  {count_changes(result.changes)}; all changes are listed in {shown(result.folder / 'README.md')}")
+    print(f"  {count_changes(result.changes)}; all changes are listed in {display_path(result.folder / 'README.md')}")
     # The README has all changes; only those that change what the vehicle does are printed.
     for change in result.changes:
         if change.code in (Code.SENSOR, Code.SUSPENSION, Code.UNUSUAL):
@@ -134,7 +134,7 @@ def _print_plan(plan: "ImportPlan") -> None:
         print(f"warning: {plan.obstacle}")
     for warning in plan.car.warnings:
         print(f"warning: {warning}")
-    print(f"{shown(plan.folder)}/ would be written")
+    print(f"{display_path(plan.folder)}/ would be written")
     print(
         f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "
         f"{_radii(layout.radii)}, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 examples:
@@ -54,5 +54,5 @@ def run(options: argparse.Namespace) -> int:
             text = draw_links(figures) if out.suffix == ".svg" else write_links_dot(figures)
         write_file(out, text)
         if not options.json:
-            print(shown(out))
+            print(display_path(out))
     return 1 if options.strict and figures.warnings else 0

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 
 from mirdrake.core.paths import names, search_folders
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 Without an argument: vehicles, worlds, diagrams and studies.
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _files(kind: str) -> Iterator[tuple[str, str]]:
-    return ((name, shown(path)) for name, path in names(kind).items())
+    return ((name, display_path(path)) for name, path in names(kind).items())
 
 
 def _blocks() -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import get_args
 from mirdrake.cli.common import shortest_name
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.vehicles.questions import (
     BODIES,
     QUANTITIES,
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
         folder = beside.parent / "diagrams" if beside.name == "models" else Path("diagrams")
         diagram, written = write_diagram(vehicle, folder=folder, force=options.force)
 
-    _print_line(f"{shown(vehicle)}/")
+    _print_line(f"{display_path(vehicle)}/")
     estimated = plan.estimated()
     _print_line(_listed("given", [key for key in plan.listed() if key not in estimated]))
     # A list of all estimates would hide those that an option can replace.
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     if replaceable:
         _print_line(_listed("not given", replaceable))
     if diagram is not None:
-        _print_line(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
+        _print_line(f"{display_path(diagram)}{'' if written else '  (exists already, unchanged)'}")
     _print_line("next:")
     if diagram is not None:
         _print_line(f"  mirdrake run {shortest_name('diagrams', diagram)}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import print_changes
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 The page has play controls and the views follow, cockpit and map (keys 1, 2, 3); camera pictures are shown at the time
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
             raise ConfigError(f"--out {options.out}: is a folder; a file is expected")
         write_replay(done, options.out)
         print_changes(done.scene())
-        print(shown(options.out))
+        print(display_path(options.out))
         return 0
     replay = Replay(done, port=options.port)
     print_changes(done.scene())

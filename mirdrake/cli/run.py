@@ -11,7 +11,7 @@ from mirdrake.cli.common import add_quiet, add_set, positive_time, print_files, 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import resolved
 from mirdrake.core.progress import Progress
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:
     from mirdrake.assembly.diagram_spec import DiagramSpec
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     # A run that diverged has written its folder, but its exit code is 1.
     if not finished.diverged:
         return 0
-    location = f"{shown(finished.folder)}: " if finished.folder else ""
+    location = f"{display_path(finished.folder)}: " if finished.folder else ""
     print(
         f"error: {location}the run {finished.stop}; fix the block that computes it, or try a smaller plant.time_step",
         file=sys.stderr,

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 Without a kind it lists the kinds. Editors with the YAML language server (VS Code, Neovim, Emacs) use a schema when
@@ -41,5 +41,5 @@ def run(options: argparse.Namespace) -> int:
     for name, text in texts.items():
         path = options.out / f"{name}.json"
         write_file(path, text)
-        print(f"{shown(path)}    # yaml-language-server: $schema={path.resolve().as_uri()}")
+        print(f"{display_path(path)}    # yaml-language-server: $schema={path.resolve().as_uri()}")
     return 0

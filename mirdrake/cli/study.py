@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mirdrake.cli.common import add_quiet, add_set, add_workers, open_dask, print_files
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import find
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.execution.worker_server import STUDY, start_server
 
 if TYPE_CHECKING:
@@ -75,7 +75,10 @@ def run(options: argparse.Namespace) -> int:
         return 130
     failed = result.counts["failed"]
     if failed:
-        print(f"error: {shown(folder)}: {failed} of {result.runs} runs failed; see the column reason", file=sys.stderr)
+        print(
+            f"error: {display_path(folder)}: {failed} of {result.runs} runs failed; see the column reason",
+            file=sys.stderr,
+        )
     return 1 if failed else 0
 
 

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the gains."""
     from mirdrake.core.errors import ConfigError
-    from mirdrake.core.yaml_io import shown
+    from mirdrake.core.yaml_io import display_path
     from mirdrake.report.tuning_texts import acceptance_notes, comparison_lines, robustness_notes
     from mirdrake.tuning.apply import compare, plan_apply
     from mirdrake.tuning.result import read_result
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     for note in change.notes:
         print(f"note: {note}")
     if not change.changes:
-        print(f"{shown(change.path)}: has these gains already; nothing to do")
+        print(f"{display_path(change.path)}: has these gains already; nothing to do")
         return 0
     # Both sets of gains are simulated again, since the vehicle may have changed after the study.
     compared = compare(result, candidate=options.candidate, vehicle=options.vehicle)
@@ -55,13 +55,13 @@ def run(options: argparse.Namespace) -> int:
     before, after = (printed(cost) for cost in compared.cost(result.cost))
     if not after < before and not options.force:
         raise ConfigError(
-            f"{shown(change.path)}: the present gains are not worse on the test manoeuvre of the study (cost "
+            f"{display_path(change.path)}: the present gains are not worse on the test manoeuvre of the study (cost "
             f"{before:.4g}, with the new gains {after:.4g}); --force writes them"
         )
     print(change.diff(), end="")
     if options.dry_run:
-        print(f"{shown(change.path)}: not written (--dry-run)")
+        print(f"{display_path(change.path)}: not written (--dry-run)")
         return 0
     change.write()
-    print(f"{shown(change.path)}: written")
+    print(f"{display_path(change.path)}: written")
     return 0

@@ -8,7 +8,7 @@ from typing import Any
 
 from mirdrake.cli.common import kind_of, print_changes
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 The page of a vehicle has a slider for every joint, and buttons that show and hide frames (key F), collision shapes (C)
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
         print_changes(run.scene())
         if options.out is not None:
             write_file(options.out, reads_run(recording_page)(run))
-            print(shown(options.out))
+            print(display_path(options.out))
             return 0
         meshcat = make(world=run.scene().world)
         reads_run(draw_run)(run, meshcat)
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
     # An interactive view runs until Escape or Ctrl-C; each kind has its own loop, as only vehicles have sliders.
     if options.out is not None:
         write_page(meshcat, options.out, views=views)
-        print(shown(options.out))
+        print(display_path(options.out))
         return 0
     print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
     with contextlib.suppress(KeyboardInterrupt), meshcat_faults():

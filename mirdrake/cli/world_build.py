@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import add_param, add_set, parse_pairs, plural
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 NAME.lock.yaml lists the pose of every object, with a hash: the same seed gives the same bytes everywhere. NAME.sdf is
@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     build = build_world(world, options.out or Path("worlds-out") / file_name(world.name))
     count = plural(len(world.props), "prop")
     width = max(len(path.name) for path in (build.lock, build.sdf, build.plan))
-    print(f"{shown(build.folder)}/")
+    print(f"{display_path(build.folder)}/")
     print(f"  {build.lock.name:{width}}  {count}, seed {world.spec.seed}, hash {build.hash[:12]}")
     print(f"  {build.sdf.name:{width}}  for Gazebo and Drake, with {build.meshes} files in meshes/")
     print(f"  {build.plan.name:{width}}  plan from above")

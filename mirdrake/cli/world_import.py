@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import parse_pairs
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:
     from mirdrake.importing.worlds import WorldImport
@@ -77,7 +77,7 @@ def _packages(texts: list[str]) -> dict[str, Path]:
 def _print_result(result: "WorldImport") -> None:
     from mirdrake.importing.changes import count_changes
 
-    print(shown(result.path))
+    print(display_path(result.path))
     print(f"  {result.entries} entries")
     for line in result.checks:
         print(f"  check: {line}")
@@ -89,5 +89,5 @@ def _print_result(result: "WorldImport") -> None:
     if len(rows) > _MOST_LINES:
         print(f"  … {len(rows) - _MOST_LINES} more")
     counted = count_changes(result.changes)
-    print(f"  {counted}; all changes are listed in {shown(result.path.with_suffix('.md'))}")
-    print(f"next: mirdrake world show {shown(result.path)}")
+    print(f"  {counted}; all changes are listed in {display_path(result.path.with_suffix('.md'))}")
+    print(f"next: mirdrake world show {display_path(result.path)}")

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show the world until the page or Ctrl-C ends it."""
-    from mirdrake.core.yaml_io import shown
+    from mirdrake.core.yaml_io import display_path
     from mirdrake.viewer.meshcat import meshcat_faults
     from mirdrake.viewer.show import write_page
     from mirdrake.viewer.world_view import show_examination
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     meshcat, view = show_examination(result, offline=offline, collision=options.collision, names=not options.no_names)
     if options.save is not None:
         write_page(meshcat, options.save)
-        print(shown(options.save))
+        print(display_path(options.save))
         return 0
     print(f"Meshcat: {meshcat.web_url()}  (Ctrl-C ends)", flush=True)
     with meshcat_faults():

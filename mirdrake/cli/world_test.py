@@ -21,7 +21,7 @@ from mirdrake.cli.common import (
 )
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.progress import Progress
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:
     from mirdrake.suites import Case, Result, Suite
@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
         left = len(suite.cases) - len(suite.results)
         print(
             f"interrupted: {left} of {len(suite.cases)} cases were not run; "
-            f"continue with --out {shown(folder)} --resume",
+            f"continue with --out {display_path(folder)} --resume",
             file=sys.stderr,
         )
         # As shells report an interrupt: 128 + SIGINT.
@@ -191,7 +191,7 @@ def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
         yield f"and {len(rows) - row_limit} more that passed"
     counts = ", ".join(f"{number} {verdict}" for verdict, number in suite.counts.items() if number)
     yield f"{plural(len(rows), 'case')}: {counts or 'none done'} ({wall:.1f} s)"
-    yield f"  {shown(suite.folder)}/"
+    yield f"  {display_path(suite.folder)}/"
     yield "    report.html      report"
     yield "    junit.xml        for continuous integration"
     recorded = [

@@ -24,7 +24,7 @@ from mirdrake.controllers.schedule import Interpolation
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import read_errors
 from mirdrake.core.recording.pictures import picture_time
-from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.core.yaml_io import display_path, read_text
 from mirdrake.readers import CsvLayout, Table, read_table
 from mirdrake.readers.tables import read_bytes
 from mirdrake.readers.units import unit_factor
@@ -154,7 +154,7 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
         vehicle = drivers[0]  # it may have another name in the other diagram
     if vehicle is None or vehicle not in drivers:
         hint = did_you_mean(vehicle, drivers) if drivers else "no vehicle has a driver"
-        raise ConfigError(f"{shown(folder)}: no commands of '{vehicle}' were recorded; {hint}")
+        raise ConfigError(f"{display_path(folder)}: no commands of '{vehicle}' were recorded; {hint}")
     names = ("time", f"{vehicle}.speed_command", f"{vehicle}.steering_command")
     columns = [table.numbers(name, table.name).tolist() for name in names]
     rows: list[Row] = list(zip(*columns, strict=True))

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
 from mirdrake.core.errors import MirdrakeError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 __all__ = ["Element", "XmlDocument", "parse_xml", "read_xml_bytes"]
 
@@ -48,10 +48,10 @@ def read_xml_bytes(path: Path, *, largest: int, error: type[MirdrakeError], advi
     """
     try:
         if path.stat().st_size > largest:
-            raise error(f"{shown(path)}: more than {largest // 1_000_000} MB of XML; {advice}")
+            raise error(f"{display_path(path)}: more than {largest // 1_000_000} MB of XML; {advice}")
         return path.read_bytes()
     except OSError as fault:
-        raise error(f"{shown(path)}: {fault.strerror or fault}") from None
+        raise error(f"{display_path(path)}: {fault.strerror or fault}") from None
 
 
 def parse_xml(

@@ -22,7 +22,7 @@ from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.core.yaml_tree import Source as Source
-from mirdrake.core.yaml_tree import in_file, lay_over
+from mirdrake.core.yaml_tree import in_file, merge_over
 from mirdrake.core.yaml_tree import parse_tree as parse_tree
 
 SchemaT = TypeVar("SchemaT", bound="Schema")
@@ -173,7 +173,7 @@ def read_tree(path: Path, *, overrides: Iterable[str] = ()) -> tuple[Any, Source
     Raises:
         ConfigError: the file cannot be read, is not YAML, or an override is wrong.
     """
-    return _overridden(read_text(path), shown(path), overrides)
+    return _overridden(read_text(path), display_path(path), overrides)
 
 
 def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
@@ -219,15 +219,15 @@ def load_yaml(
         path: the file.
         schema: the pydantic model of the format.
         overrides: ``"dotted.path=value"`` texts.
-        over: a partial tree and its locations, merged over the file; see :func:`mirdrake.core.yaml_tree.lay_over`.
+        over: a partial tree and its locations, merged over the file; see :func:`mirdrake.core.yaml_tree.merge_over`.
 
     Raises:
         ConfigError: the file cannot be read, or has faults.
     """
-    text, name = read_text(path), shown(path)
+    text, name = read_text(path), display_path(path)
     if over is None:
         return parse_yaml(text, schema, name=name, overrides=overrides)
-    data, source = lay_over(*parse_tree(text, name), *over)
+    data, source = merge_over(*parse_tree(text, name), *over)
     return validate(data, schema, source)
 
 
@@ -237,7 +237,7 @@ def read_text(path: Path) -> str:
     Raises:
         ConfigError: the file cannot be read, or is not UTF-8.
     """
-    name = shown(path)
+    name = display_path(path)
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -251,7 +251,7 @@ def read_text(path: Path) -> str:
         raise ConfigError(f"cannot be read: {reason}", file=name, code="unreadable") from None
 
 
-def shown(path: Path) -> str:
+def display_path(path: Path) -> str:
     """Return a path for display: relative to the working directory if it is below that."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))

@@ -69,7 +69,7 @@ def source_of_data(name: str, data: Any) -> Source:
     return Source(name, keys)
 
 
-def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
+def merge_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
     """Merge a partial tree over a tree.
 
     Mappings merge key by key unless their kinds differ; other values are replaced. Where the partial tree names a

@@ -8,7 +8,7 @@ from pathlib import Path
 from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import write_file
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 MOST_STEPS = 500
 """Largest number of texts that undo can restore."""
@@ -50,7 +50,7 @@ class Document:
     @property
     def name(self) -> str:
         """Name of the file in messages."""
-        return shown(self.path)
+        return display_path(self.path)
 
     @property
     def is_saved(self) -> bool:
@@ -216,6 +216,6 @@ def _read(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
-        raise ConfigError(f"{shown(path)}: not UTF-8; save it as UTF-8") from None
+        raise ConfigError(f"{display_path(path)}: not UTF-8; save it as UTF-8") from None
     except OSError as error:
-        raise ConfigError(f"{shown(path)}: cannot be read: {error.strerror}") from None
+        raise ConfigError(f"{display_path(path)}: cannot be read: {error.strerror}") from None

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mirdrake.core.yaml_io import parse_tree, shown
+from mirdrake.core.yaml_io import display_path, parse_tree
 from mirdrake.editor.actors import ACTORS, decorations
 from mirdrake.editor.elements import BODY, Element, Handle, LockedError, Shape, turn_handle
 from mirdrake.editor.layouts import GOALS, PROPS, REGIONS, STARTS
@@ -62,7 +62,7 @@ def read_scene(text: str, path: Path) -> Scene:
         WorldError: the world cannot be laid out.
     """
     world = parse_world(text, path)
-    data, _ = parse_tree(text, shown(path))
+    data, _ = parse_tree(text, display_path(path))
     return Scene(text, data, world, {element.key: element for element in _elements(data, world)})
 
 

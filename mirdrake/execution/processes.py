@@ -13,7 +13,7 @@ from multiprocessing import connection, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 STARTING = 120.0
 """Wall time that a worker may take to start [s]."""
@@ -104,7 +104,7 @@ class WorkerProcess:
         frames = [match for match in map(_FRAME.match, self._printed()) if match]
         if not frames:
             return waited
-        return f"{waited}; it was in {frames[0]['name']} of {shown(Path(frames[0]['file']))}:{frames[0]['line']}"
+        return f"{waited}; it was in {frames[0]['name']} of {display_path(Path(frames[0]['file']))}:{frames[0]['line']}"
 
     def _printed(self) -> list[str]:
         """Return the lines that the process has printed since the call began."""

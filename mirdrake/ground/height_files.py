@@ -7,7 +7,7 @@ import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def read_heights(
     if suffix not in _SUFFIXES:
         raise ConfigError(f"{prefix}'{path.name[:80]}' is not a file of heights; use one of {', '.join(_SUFFIXES)}")
     if not path.is_file():
-        raise ConfigError(f"{prefix}no such file: {shown(path)}")
+        raise ConfigError(f"{prefix}no such file: {display_path(path)}")
     origin = (0.0, 0.0)
     # Readers raise different errors for damaged files; all become one line with the place of the key.
     try:
@@ -52,9 +52,9 @@ def read_heights(
             z, origin = _read_obj(path, cell)
             z += lowest
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{prefix}{shown(path)}: cannot be read: {str(error).splitlines()[0]}") from None
+        raise ConfigError(f"{prefix}{display_path(path)}: cannot be read: {str(error).splitlines()[0]}") from None
     if z.ndim != 2 or min(z.shape) < 2 or not np.isfinite(z).all():
-        raise ConfigError(f"{prefix}{shown(path)}: {z.shape} values; a grid has at least 2 x 2 finite heights")
+        raise ConfigError(f"{prefix}{display_path(path)}: {z.shape} values; a grid has at least 2 x 2 finite heights")
     return z, origin
 
 
@@ -62,7 +62,7 @@ def _read_png(path: Path, lowest: float, highest: float | None, prefix: str) -> 
     from PIL import Image
 
     if highest is None:
-        raise ConfigError(f"{prefix}{shown(path)}: a PNG has no heights in m; give highest, the height of white")
+        raise ConfigError(f"{prefix}{display_path(path)}: a PNG has no heights in m; give highest, the height of white")
     with Image.open(path) as image:
         # Pillow opens 16-bit grey as I or I;16, depending on its version; `convert` would clip these to 8 bits.
         grey = np.asarray(image if image.mode in ("L", "I", "I;16") else image.convert("L"), dtype=float)

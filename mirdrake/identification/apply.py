@@ -9,7 +9,7 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
-from mirdrake.core.yaml_io import any_to_si, parse_tree, parse_yaml, read_text, shown, validate
+from mirdrake.core.yaml_io import any_to_si, display_path, parse_tree, parse_yaml, read_text, validate
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.tyres import TYRES
 from mirdrake.vehicles.file_change import FileChange, change_file
@@ -205,7 +205,7 @@ class _Folder:
         self.base = self.folder / "vehicle.yaml"
         self.tyres = load_part(self.folder, "vehicle", VehicleSpec, self.change).tyres.kind
         self.rate = load_part(self.folder, "control", ControlSpec, self.change).rate
-        self.data, _ = parse_tree(read_text(self.base), shown(self.base))
+        self.data, _ = parse_tree(read_text(self.base), display_path(self.base))
 
     def find(self, path: str) -> tuple[Path, tuple[str, ...], Any]:
         """Return file, prefix in it, and value in SI units of an entry; None if it has no value yet."""
@@ -223,7 +223,7 @@ class _Folder:
         """Return a function that rejects a text of a file with which the vehicle would not load."""
 
         def check(text: str) -> None:
-            name = shown(path)
+            name = display_path(path)
             if path == self.base:
                 data, source = parse_tree(text, name)
                 validate(data, VehicleSpec, source)
@@ -256,5 +256,5 @@ def read_fit(path: Path | str) -> Fit:
 
     path = Path(path)
     if not path.exists():
-        raise ConfigError(f"{shown(path)}: no such folder; give the folder that mirdrake identify has written")
+        raise ConfigError(f"{display_path(path)}: no such folder; give the folder that mirdrake identify has written")
     return load_fit(path.parent if path.name == "fit.json" else path)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import load_yaml, shown, where
+from mirdrake.core.yaml_io import display_path, load_yaml, where
 from mirdrake.identification.channels import channel
 from mirdrake.identification.derived import add_derived
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
@@ -148,7 +148,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     columns = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
     file = folder / entry.file
     if not file.exists():
-        raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {shown(file)}: no such file")
+        raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {display_path(file)}: no such file")
     table = read_table(file, columns, entry.csv or spec.csv)
     values, faults = {}, []
     # All faults of the channels at once: a wrong mapping is usually wrong in several columns.
@@ -244,7 +244,7 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     back = used < latest
     if used.max() == used.min():
         hint = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
-        raise ConfigError(f"{shown(Path(table.name))}: time is constant at {used[0]:g} s{hint}")
+        raise ConfigError(f"{display_path(Path(table.name))}: time is constant at {used[0]:g} s{hint}")
     if back.mean() > MAX_BACKWARD_SHARE:
         row = int(np.argmax(back))
         raise ConfigError(

@@ -6,7 +6,7 @@ from pathlib import Path
 import yaml
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import load_yaml, parse_yaml, shown, where
+from mirdrake.core.yaml_io import display_path, load_yaml, parse_yaml, where
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.derived import available
 from mirdrake.identification.models.base import SPEED
@@ -45,7 +45,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
     if spec.wheelbase is None and model_class(kind).uses_steering_guess:
         about += ", an assumed wheelbase that suits the turns; add 'wheelbase' to the data file"
     text = yaml.safe_dump({**content, "about": about}, sort_keys=False)
-    return parse_yaml(text, StudySpec, name=shown(path), overrides=overrides)
+    return parse_yaml(text, StudySpec, name=display_path(path), overrides=overrides)
 
 
 def _needs_speed(shared: set[str]) -> bool:

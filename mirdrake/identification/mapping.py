@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import Source, shown, to_si, validate
+from mirdrake.core.yaml_io import Source, display_path, to_si, validate
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.spec import DataSpec
 from mirdrake.readers import CsvLayout, read_table
@@ -68,10 +68,10 @@ def map_log(
         if not channels:
             names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
             raise ConfigError(
-                f"{shown(path)}: no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}"
+                f"{display_path(path)}: no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}"
             )
     elif not channels:
-        raise ConfigError(f"{shown(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
+        raise ConfigError(f"{display_path(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
     content: Json = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
     content |= {} if wheelbase is None else {"wheelbase": wheelbase}
     return validate(content, DataSpec, Source("command line", {}))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.identification.channels import channel
 from mirdrake.identification.column_names import TIME, channel_by_name, fits, plain_name, unit_by_name
 from mirdrake.identification.data import Log
@@ -127,7 +127,7 @@ def propose_data(path: Path) -> DataProposal:
         table = read_table(path)
     numbers = _numeric_columns(table)
     if not numbers:
-        raise ConfigError(f"{shown(path)}: has no column of numbers")
+        raise ConfigError(f"{display_path(path)}: has no column of numbers")
     time, unit, reason = _clock(table, numbers)
     seconds = _seconds(numbers, time, unit)
     channels = stated or _proposals_by_name(table, numbers, time)
@@ -253,7 +253,7 @@ def _proposals_of_bag(path: Path) -> list[Proposal]:
                 proposals[name] = Proposal(name, column, unit or _UNITS[si][0], 1, reasons, _is_certain(name, unit))
     if not proposals:
         listed = ", ".join(f"{topic.name} ({topic.kind})" for topic in topics[:8]) or "none"
-        raise ConfigError(f"{shown(path)}: no topic has a known type or name; topics: {listed}")
+        raise ConfigError(f"{display_path(path)}: no topic has a known type or name; topics: {listed}")
     return list(proposals.values())
 
 

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.xml_reader import XmlDocument, parse_xml, read_xml_bytes
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 __all__ = ["XmlFiles", "read_gazebo_xml"]
 
@@ -52,7 +52,7 @@ def read_gazebo_xml(path: Path) -> XmlDocument:
     Raises:
         ModelError: the file cannot be read, is not XML or declares entities, which can grow without bounds.
     """
-    name = shown(path)
+    name = display_path(path)
     data = read_xml_bytes(path, largest=LARGEST, error=ModelError, advice="split the file")
     before, mark, _ = data.replace(b"\0", b"").partition(b"<!ENTITY")  # the second reading would overlook it
     if mark:

@@ -4,7 +4,7 @@ import os
 import re
 from pathlib import Path
 
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change
 
 _MARKS = ("package.xml", "model.config")
@@ -42,7 +42,7 @@ class Places:
     def text(self, text: str) -> str:
         """Return a text without the folders above the package."""
         start = self._above if _is_package(self._root) else str(self._root) + os.sep
-        for prefix in (start, shown(Path(start)) + os.sep):
+        for prefix in (start, display_path(Path(start)) + os.sep):
             # A prefix such as "./" would match in the middle of other paths.
             if len(prefix) > 2:
                 text = text.replace(prefix, "")

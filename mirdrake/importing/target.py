@@ -5,7 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 
 
 def check_target(target: Path, name: str, *, force: bool, made: Collection[str]) -> list[Path]:
@@ -22,13 +22,15 @@ def check_target(target: Path, name: str, *, force: bool, made: Collection[str])
     """
     existing = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
     if target.exists() and not target.is_dir():
-        raise ConfigError(f"{shown(target)} is not a folder; choose another one")
+        raise ConfigError(f"{display_path(target)} is not a folder; choose another one")
     if existing and not force:
-        raise ConfigError(f"{shown(existing[0])} exists already; choose another name, or force to replace it")
+        raise ConfigError(f"{display_path(existing[0])} exists already; choose another name, or force to replace it")
     for path in existing:
         wanted = path.is_dir() == (path.name == name)
         if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - set(made)):
-            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; choose another name")
+            raise ConfigError(
+                f"{display_path(path)} was not made by an import, so it is not replaced; choose another name"
+            )
     return existing
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.tables import Request, Table
 
 CLOCKS = ("time", "received")
@@ -59,7 +59,7 @@ def read_bag(request: Request) -> Table:
         if not columns:
             topics = ", ".join(sorted(bag.topics)[:10]) + (" …" if len(bag.topics) > 10 else "")
             raise ConfigError(
-                f"{shown(path)}: no column of a topic is named, for example /odom:twist.twist.linear.x; "
+                f"{display_path(path)}: no column of a topic is named, for example /odom:twist.twist.linear.x; "
                 f"topics: {topics or 'none'}"
             )
         places = {name: _split(path, name, bag.topics) for name in columns}
@@ -81,7 +81,7 @@ def read_bag(request: Request) -> Table:
     # Integers are subtracted before the conversion to float, which keeps all nanoseconds.
     start = time[0]
     table = {"received" if received else "time": (time - start) * 1e-9, **values}
-    return Table(shown(path), list(table), table, dict.fromkeys(CLOCKS, "s"), None, notes)
+    return Table(display_path(path), list(table), table, dict.fromkeys(CLOCKS, "s"), None, notes)
 
 
 class Topic(NamedTuple):
@@ -115,7 +115,7 @@ def list_topics(path: Path) -> list[Topic]:
             except MissingDependencyError:
                 raise
             except Exception as error:
-                raise ConfigError(f"{shown(path)}: {name}: cannot be read: {_one_line(error)}") from None
+                raise ConfigError(f"{display_path(path)}: {name}: cannot be read: {_one_line(error)}") from None
             topics.append(Topic(name, kind, tuple(_numeric_fields(first))))
     return topics
 
@@ -139,13 +139,15 @@ def _open(path: Path, stack: ExitStack) -> Bag:
     try:
         highlevel, typesys = import_module("rosbags.highlevel"), import_module("rosbags.typesys")
     except ImportError:
-        raise MissingDependencyError(f"{shown(path)}: bags need a package: pip install 'mirdrake[bags]'") from None
+        raise MissingDependencyError(
+            f"{display_path(path)}: bags need a package: pip install 'mirdrake[bags]'"
+        ) from None
     try:
         # Messages whose definition is not in the file are read with those of ROS 2 Humble.
         own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=own))
     except Exception as error:  # the readers raise errors of many kinds on damaged files
-        raise ConfigError(f"{shown(path)}: is not a bag, or is damaged: {_one_line(error)}") from None
+        raise ConfigError(f"{display_path(path)}: is not a bag, or is damaged: {_one_line(error)}") from None
 
     def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
         chosen = [link for link in reader.connections if link.topic in topics]
@@ -167,7 +169,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
         summary = reader.get_summary()
         channels = list(summary.channels.values()) if summary else []
     except Exception as error:
-        raise ConfigError(f"{shown(path)}: is not an MCAP file, or is damaged: {_one_line(error)}") from None
+        raise ConfigError(f"{display_path(path)}: is not an MCAP file, or is damaged: {_one_line(error)}") from None
     if not channels or any(channel.message_encoding not in {"json", "protobuf"} for channel in channels):
         return None
     schemas = {link.topic: summary.schemas.get(link.schema_id) for link in channels}
@@ -182,7 +184,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
             factory = import_module("mcap_protobuf.decoder").DecoderFactory()
         except ImportError:
             raise MissingDependencyError(
-                f"{shown(path)}: needs packages for Protobuf: pip install 'mirdrake[bags]'"
+                f"{display_path(path)}: needs packages for Protobuf: pip install 'mirdrake[bags]'"
             ) from None
         decoder: Callable[[bytes], Any] = factory.decoder_for("protobuf", schema)
         return decoder
@@ -203,7 +205,7 @@ def _split(path: Path, column: str, topics: Mapping[str, str]) -> tuple[str, tup
     fitting = [topic for topic in topics if name.startswith(topic) and name[len(topic) : len(topic) + 1] in set(":./")]
     if not fitting:
         near = name.split(":")[0]
-        raise ConfigError(f"{shown(path)}: no topic of '{column}'; {did_you_mean(near, sorted(topics))}")
+        raise ConfigError(f"{display_path(path)}: no topic of '{column}'; {did_you_mean(near, sorted(topics))}")
     topic = max(fitting, key=len)
     return topic, tuple(name[len(topic) + 1 :].replace("/", ".").replace("[", ".").replace("]", "").split("."))
 
@@ -228,10 +230,10 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
     except (ConfigError, MissingDependencyError):
         raise
     except Exception as error:
-        raise ConfigError(f"{shown(path)}: cannot be read: {_one_line(error)}") from None
+        raise ConfigError(f"{display_path(path)}: cannot be read: {_one_line(error)}") from None
     for topic in topics:
         if len(times[topic]) < 2:
-            raise ConfigError(f"{shown(path)}: {topic} has {len(times[topic])} messages; at least 2 are needed")
+            raise ConfigError(f"{display_path(path)}: {topic} has {len(times[topic])} messages; at least 2 are needed")
     # Messages without stamps among others would mix two clocks: stamps count only if all have one.
     return {
         topic: (
@@ -269,11 +271,11 @@ def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
             if isinstance(item, Mapping) and key in item:  # JSON's null
                 return np.nan
             parent = ".".join(keys[:depth]) or "the message"
-            raise ConfigError(f"{shown(path)}: '{name}': {parent} has no field '{key}'; {_fields(item, key)}")
+            raise ConfigError(f"{display_path(path)}: '{name}': {parent} has no field '{key}'; {_fields(item, key)}")
         item = inner
     if isinstance(item, bool | int | float | np.number | np.bool_):
         return item
-    raise ConfigError(f"{shown(path)}: '{name}' is not a number; {_fields(item, '')}")
+    raise ConfigError(f"{display_path(path)}: '{name}' is not a number; {_fields(item, '')}")
 
 
 def _fields(item: Any, key: str) -> str:

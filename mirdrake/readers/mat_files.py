@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.tables import Request, Table, read_bytes, vectors
 
 
@@ -24,8 +24,8 @@ def read_mat(request: Request) -> Table:
     content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
     columns = vectors({key: value for key, value in content.items() if not key.startswith(("__", "#"))})
     if not columns:
-        raise ConfigError(f"{shown(path)}: has no vectors of numbers")
-    return Table(shown(path), list(columns), columns)
+        raise ConfigError(f"{display_path(path)}: has no vectors of numbers")
+    return Table(display_path(path), list(columns), columns)
 
 
 MAT_TIME = 20.0
@@ -50,9 +50,9 @@ def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
         done = subprocess.run(command, input=raw, capture_output=True, timeout=MAT_TIME, check=True)
         content: dict[str, Any] = pickle.loads(done.stdout)
     except subprocess.TimeoutExpired:
-        raise ConfigError(f"{shown(path)}: cannot be read within {MAT_TIME:g} s; is it damaged?") from None
+        raise ConfigError(f"{display_path(path)}: cannot be read within {MAT_TIME:g} s; is it damaged?") from None
     except (subprocess.SubprocessError, EOFError, pickle.UnpicklingError):
-        raise ConfigError(f"{shown(path)}: is not a MAT file, or is damaged") from None
+        raise ConfigError(f"{display_path(path)}: is not a MAT file, or is damaged") from None
     return content
 
 
@@ -62,7 +62,8 @@ def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
         h5py = import_module("h5py")
     except ImportError:
         raise MissingDependencyError(
-            f"{shown(path)}: is MAT version 7.3, which needs h5py: pip install 'mirdrake[bags]'; or save it with -v7"
+            f"{display_path(path)}: is MAT version 7.3, which needs h5py: pip install 'mirdrake[bags]'; "
+            "or save it with -v7"
         ) from None
 
     def plain(item: Any) -> Any:
@@ -75,4 +76,4 @@ def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
         with h5py.File(BytesIO(raw), "r") as file:
             return {key: plain(item) for key, item in file.items()}
     except Exception:  # h5py raises errors of many kinds on a damaged file
-        raise ConfigError(f"{shown(path)}: claims to be MAT version 7.3, but is damaged") from None
+        raise ConfigError(f"{display_path(path)}: claims to be MAT version 7.3, but is damaged") from None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import Schema, shown
+from mirdrake.core.yaml_io import Schema, display_path
 
 
 class CsvLayout(Schema):
@@ -40,7 +40,7 @@ class Request:
     @property
     def name(self) -> str:
         """Path for messages."""
-        return shown(self.path)
+        return display_path(self.path)
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,8 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise ConfigError(f"{shown(path)}: no such file") from None
+        raise ConfigError(f"{display_path(path)}: no such file") from None
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{shown(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise ConfigError(
+            f"{display_path(path)}: cannot be read: {getattr(error, 'strerror', None) or error}"
+        ) from None

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mirdrake.core.files import write_file
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.suites import Case, Result, Suite
 
 _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -65,7 +65,7 @@ def _suite(world: str, rows: Sequence[tuple[Case, Result]], number: int, stamp: 
         },
     )
     properties = ElementTree.SubElement(element, "properties")
-    ElementTree.SubElement(properties, "property", {"name": "world", "value": shown(Path(world))})
+    ElementTree.SubElement(properties, "property", {"name": "world", "value": display_path(Path(world))})
     for case, result in rows:
         child = ElementTree.SubElement(
             element,

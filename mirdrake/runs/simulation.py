@@ -23,7 +23,7 @@ from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.checks import checks_arguments
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import OF_ACTORS, Incident, Incidents
 from mirdrake.runs.live_view import LiveView
@@ -374,7 +374,7 @@ def _failure(error: BaseException) -> str:
         return text
     # A line of mirdrake's own code would not help the user; the message of the exception does.
     file = Path(frame.tb_frame.f_code.co_filename)
-    return text if file.is_relative_to(Path(__file__).parents[1]) else f"{shown(file)}:{frame.tb_lineno}: {text}"
+    return text if file.is_relative_to(Path(__file__).parents[1]) else f"{display_path(file)}:{frame.tb_lineno}: {text}"
 
 
 def _watch(

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
-from mirdrake.core.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
+from mirdrake.core.yaml_io import Duration, Schema, Source, any_to_si, display_path, load_yaml, validate
 
 Value = int | float | str | bool
 
@@ -132,5 +132,5 @@ def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
     if isinstance(study, Mapping):
         return validate(dict(study), StudySpec, Source("study", {}))
     if not Path(study).suffix:
-        raise ConfigError(f"{shown(Path(study))}: not a study file, whose name ends in .yaml")
+        raise ConfigError(f"{display_path(Path(study))}: not a study file, whose name ends in .yaml")
     return load_study(study)

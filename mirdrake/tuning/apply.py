@@ -8,7 +8,7 @@ from datetime import UTC, date, datetime
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
-from mirdrake.core.yaml_io import parse_tree, parse_yaml, read_text, shown, where
+from mirdrake.core.yaml_io import display_path, parse_tree, parse_yaml, read_text, where
 from mirdrake.tuning.loops.base import Evaluation
 from mirdrake.tuning.loops.evaluate import LoopEvaluator
 from mirdrake.tuning.result import FILE, CandidateResult, ScheduleRow, TuningResult
@@ -213,7 +213,7 @@ class _Target:
         # With the variant's changes applied, as the vehicle loads it; `data` is the file itself, whose keys are
         # removed.
         control = load_part(self.folder, "control", ControlSpec, self.change)
-        data, _ = parse_tree(read_text(self.path), shown(self.path))
+        data, _ = parse_tree(read_text(self.path), display_path(self.path))
         dropped = []
         for section in sorted(self.sections):
             # The kind after the change: that of the study, or else the present one.
@@ -260,7 +260,7 @@ class _Target:
 
     def check(self, text: str) -> None:
         """Reject a text of the file that does not load."""
-        name = shown(self.path)
+        name = display_path(self.path)
         if self.in_variant:
             change = parse_yaml(text, VariantSpec, name=name)
             load_part(self.folder, "control", ControlSpec, change)
@@ -281,4 +281,4 @@ def _edits(values: Values, dropped: list[str], comment: str, prefix: tuple[str, 
 
 
 def _place(result: TuningResult) -> str:
-    return shown(result.folder / FILE)
+    return display_path(result.folder / FILE)

@@ -23,7 +23,7 @@ import pandas as pd
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.json_io import Json, parse_json, read_record
-from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.core.yaml_io import display_path, read_text
 from mirdrake.tuning.acceptance import AGAINST_BASELINE, Criterion, StepEffect
 from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Kind, OmittedDesign
@@ -183,7 +183,7 @@ class TuningResult:
         for candidate in self.candidates:
             if candidate.name == wanted:
                 return candidate
-        place = shown(self.folder / FILE)
+        place = display_path(self.folder / FILE)
         if wanted is None:
             raise ConfigError(
                 f"{place}: best: the study found no candidate that meets its constraints; choose one by name"
@@ -217,7 +217,7 @@ class TuningResult:
             try:
                 self._tables[name] = pd.read_parquet(path) if path.is_file() else None
             except (OSError, ValueError) as error:  # pyarrow raises both
-                raise ConfigError(f"{shown(path)}: cannot be read: {str(error).splitlines()[0]}") from None
+                raise ConfigError(f"{display_path(path)}: cannot be read: {str(error).splitlines()[0]}") from None
         return self._tables[name]
 
 
@@ -256,12 +256,12 @@ def read_result(folder: Path | str) -> TuningResult:
     # The folder or its file may be named.
     folder = folder.parent if folder.name == FILE else folder
     path = folder / FILE
-    place = shown(path)
+    place = display_path(path)
     if not folder.is_dir():
-        raise ConfigError(f"{shown(folder)}: no such folder; give the folder that mirdrake tune has written")
+        raise ConfigError(f"{display_path(folder)}: no such folder; give the folder that mirdrake tune has written")
     if not path.is_file():
         # tuning.json is written last: without it the study was interrupted.
-        raise ConfigError(f"{shown(folder)}: not a tuning result (it has no {FILE}); is the study finished?")
+        raise ConfigError(f"{display_path(folder)}: not a tuning result (it has no {FILE}); is the study finished?")
     try:
         data = parse_json(read_text(path))
     except json.JSONDecodeError as error:

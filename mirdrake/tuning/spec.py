@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import resolved
-from mirdrake.core.yaml_io import Angle, Duration, Schema, Source, Speed, load_yaml, shown, validate
+from mirdrake.core.yaml_io import Angle, Duration, Schema, Source, Speed, display_path, load_yaml, validate
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.studies.spec import Number
 from mirdrake.tuning.search_range import Range
@@ -265,7 +265,7 @@ def load_tuning(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpe
     """
     path = Path(path)
     if not path.suffix and not path.exists():
-        raise ConfigError(f"{shown(path)}: no such file; a tuning file ends with .yaml")
+        raise ConfigError(f"{display_path(path)}: no such file; a tuning file ends with .yaml")
     spec = load_yaml(path, TuningSpec, overrides=overrides)
     if "name" not in spec.model_fields_set:
         spec.name = path.stem

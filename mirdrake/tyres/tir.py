@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 
 Text = str | float
@@ -145,7 +145,7 @@ def read_tir(path: Path) -> TirFile:
         ConfigError: the file cannot be read, or has errors; one line for each, ``file:line: [SECTION]
             NAME: what is wrong``.
     """
-    name = shown(path)
+    name = display_path(path)
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name

@@ -9,7 +9,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_edit import Edit, edit_yaml
-from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.core.yaml_io import display_path, read_text
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class FileChange:
 
     def diff(self) -> str:
         """Return the difference in unified form; empty if there is none."""
-        name = shown(self.path)
+        name = display_path(self.path)
         lines = difflib.unified_diff(
             self.before.splitlines(keepends=True), self.after.splitlines(keepends=True), name, name, "before", "after"
         )
@@ -53,7 +53,7 @@ class FileChange:
         with write_errors(path):
             # The user may have edited the file since it was read.
             if path.read_bytes() != self.before.encode():
-                raise RunError(f"{shown(self.path)}: has changed in the meantime; run it again")
+                raise RunError(f"{display_path(self.path)}: has changed in the meantime; run it again")
             mode = path.stat().st_mode
         write_file(path, self.after)
         path.chmod(mode & 0o7777)
@@ -76,7 +76,7 @@ def change_file(
     read_text(path)  # raises errors in the project's form
     # Bytes, as reading as text would change the line ends.
     before = path.read_bytes().decode()
-    name = shown(path)
+    name = display_path(path)
     try:
         check(before)
     except ConfigError as error:

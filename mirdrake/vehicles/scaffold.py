@@ -18,7 +18,7 @@ import jinja2
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import staging
 from mirdrake.core.paths import search_folders
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.vehicles.bodywork import write_car
 from mirdrake.vehicles.bodywork.sizes import BodySize
 from mirdrake.vehicles.estimates import least_turning_circle
@@ -98,10 +98,14 @@ def vehicle_place(name: str, *, folder: Path | str | None = None, force: bool = 
     target = Path(folder or "models") / name
     if target.is_symlink() or target.exists():
         if not force:
-            raise ConfigError(f"{shown(target)} exists already; choose another name, or use --force to replace it")
+            raise ConfigError(
+                f"{display_path(target)} exists already; choose another name, or use --force to replace it"
+            )
         # Even --force never removes a folder that is not a vehicle, nor follows a link.
         if target.is_symlink() or not (target / "vehicle.yaml").is_file():
-            raise ConfigError(f"{shown(target)} is not a vehicle folder and is not replaced; choose another name")
+            raise ConfigError(
+                f"{display_path(target)} is not a vehicle folder and is not replaced; choose another name"
+            )
     return target
 
 

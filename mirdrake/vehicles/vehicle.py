@@ -7,7 +7,7 @@ from typing import get_args
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import find
-from mirdrake.core.yaml_io import SchemaT, Source, load_yaml, shown
+from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml
 from mirdrake.core.yaml_io import where as where_in
 from mirdrake.tyres.registry import kinds_with_law
 from mirdrake.vehicles.geometry import VehicleGeometry, measure_geometry
@@ -145,7 +145,7 @@ def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec
 def _file(path: Path) -> Path:
     """Return the path of a regular file; reading a pipe or a device would not end."""
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise ConfigError(f"{shown(path)}: is not a file")
+        raise ConfigError(f"{display_path(path)}: is not a file")
     return path
 
 

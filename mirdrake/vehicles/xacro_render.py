@@ -31,7 +31,7 @@ from xacro.substitution_args import convert_value
 
 from mirdrake.core.errors import ModelError, did_you_mean
 from mirdrake.core.xml_reader import parse_xml
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.vehicles.xacro_expressions import Evaluator
 from mirdrake.vehicles.xacro_functions import LARGEST
 
@@ -96,7 +96,7 @@ class Urdf:
     def where_line(self, line: int) -> str:
         """Return ``file:line`` in the source of a line of the expanded text."""
         known = [number for number in self.places if number <= line]
-        name, number = self.places[max(known)] if known else (shown(self.files[0]), 1)
+        name, number = self.places[max(known)] if known else (display_path(self.files[0]), 1)
         return f"{name}:{number}"
 
 
@@ -145,7 +145,7 @@ class _Expansion:
         return self.required | undeclared
 
     def where(self) -> str:
-        name, line = self.places[self.cursor] if self.cursor is not None else (shown(self.files[0]), 1)
+        name, line = self.places[self.cursor] if self.cursor is not None else (display_path(self.files[0]), 1)
         return f"{name}:{line}"
 
     def note(self, node: Any) -> None:
@@ -155,7 +155,7 @@ class _Expansion:
 
     def parse(self, path: Path) -> xml.dom.minidom.Document:
         """Return a file as a DOM tree whose elements have the attribute of their place."""
-        name = shown(path)
+        name = display_path(path)
         try:
             problem = "" if path.is_file() or not path.exists() else "is a folder" if path.is_dir() else "is not a file"
             if not problem and path.stat().st_size > FILE_SIZE:
@@ -203,12 +203,12 @@ class _Expansion:
         resolved = path.resolve()
         if not any(resolved.is_relative_to(root) for root in roots):
             raise xacro.XacroException(
-                f"load_yaml: {shown(path)} is outside of the vehicle's package {shown(min(roots))}"
+                f"load_yaml: {display_path(path)} is outside of the vehicle's package {display_path(min(roots))}"
             )
         if not resolved.is_file():
-            raise xacro.XacroException(f"load_yaml: {shown(path)}: no such file")
+            raise xacro.XacroException(f"load_yaml: {display_path(path)}: no such file")
         if resolved.stat().st_size > YAML_SIZE:
-            raise xacro.XacroException(f"load_yaml: {shown(path)} has more than {YAML_SIZE} bytes")
+            raise xacro.XacroException(f"load_yaml: {display_path(path)} has more than {YAML_SIZE} bytes")
         # Units such as !degrees are tags of xacro; a file is limited before any value is constructed.
         for unit in xacro.ConstructUnits:
             _Yaml.add_constructor(unit.value.tag, unit.constructor)
@@ -221,14 +221,16 @@ class _Expansion:
                 depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
                 if number > VALUES or depth > NESTED:
                     limits = f"{VALUES} values, {NESTED} within one another"
-                    raise xacro.XacroException(f"load_yaml: {shown(path)}: too large; allowed are {limits}")
+                    raise xacro.XacroException(f"load_yaml: {display_path(path)}: too large; allowed are {limits}")
             node = yaml.compose(text, Loader=_Yaml)
             if _expanded_size(node, {}) > LARGEST:
-                raise xacro.XacroException(f"load_yaml: {shown(path)}: more than {LARGEST} values, aliases expanded")
+                raise xacro.XacroException(
+                    f"load_yaml: {display_path(path)}: more than {LARGEST} values, aliases expanded"
+                )
             loader = _Yaml("")
             return xacro.YamlListWrapper.wrap(None if node is None else loader.construct_document(node))
         except (yaml.YAMLError, ValueError, TypeError) as error:
-            raise xacro.XacroException(f"load_yaml: {shown(path)}: {_one_line(error)}") from None
+            raise xacro.XacroException(f"load_yaml: {display_path(path)}: {_one_line(error)}") from None
         finally:
             xacro.filestack.pop()
 
@@ -367,14 +369,14 @@ def render_xacro(
 def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> None:
     for name in given:
         if name not in note.arguments and name not in note.used:
-            prefix = f"{where}: " if where else f"{shown(note.files[0])}: "
+            prefix = f"{where}: " if where else f"{display_path(note.files[0])}: "
             raise ModelError(f"{prefix}unknown argument '{_printable(name)}'; {did_you_mean(name, note.arguments)}")
 
 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
     """Return text, tree and line table of an expanded document."""
     places: list[Place] = []
-    last: Place = (shown(note.files[0]), 1)
+    last: Place = (display_path(note.files[0]), 1)
     root_node: Any = document.documentElement
     for node in _elements(root_node):
         if node.hasAttribute(_AT):
@@ -386,7 +388,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
     _drop_space_and_comments(root_node)
     text: str = root_node.toprettyxml(indent="  ")
     # The pretty-printed text is parsed again: its elements come in the same order as those of the tree.
-    starts = list(parse_xml(text, shown(note.files[0]), error=ModelError).lines.values())
+    starts = list(parse_xml(text, display_path(note.files[0]), error=ModelError).lines.values())
     root = ElementTree.fromstring(text)
     lines = dict(zip(root.iter(), starts, strict=True))
     return Urdf(text, root, dict(zip(starts, places, strict=True)), lines, tuple(note.files), tuple(note.warnings))

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.csv_files import read_csv
 from mirdrake.readers.tables import CsvLayout, Request, Table, as_numbers
 from mirdrake.worlds.pieces import Array
@@ -64,7 +64,7 @@ def read_csv_track(
         ConfigError: the file cannot be read, or its points do not form a track.
     """
     path = Path(path)
-    name = shown(path)
+    name = display_path(path)
     # Written as `not ... <` so that NaN is rejected, too; it fails every comparison.
     if not 0.0 < scale < math.inf:
         raise ConfigError(f"{name}: scale {scale:g} is not allowed; give the metres per unit of the file, above 0")

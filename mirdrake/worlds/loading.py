@@ -16,7 +16,7 @@ import shapely
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import data_root, find
-from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, read_tree, shown, validate, where
+from mirdrake.core.yaml_io import Source, display_path, load_yaml, parse_tree, read_tree, validate, where
 from mirdrake.worlds.actor_entries import evaluate_actors, evaluate_scenario
 from mirdrake.worlds.actors import lay_out_actors
 from mirdrake.worlds.arrange import Arranger
@@ -73,7 +73,7 @@ def parse_world(text: str, path: Path, *, seed: int | None = None) -> World:
         ConfigError: the text has faults.
         WorldError: the world cannot be laid out.
     """
-    data, source = parse_tree(text, shown(path))
+    data, source = parse_tree(text, display_path(path))
     if seed is not None and isinstance(data, dict):
         data = {**data, "seed": seed}
     return _make(data, source, path=path)

@@ -24,7 +24,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.opendrive_lanes import RoadPart
 from mirdrake.worlds.opendrive_parts import LONGEST, Leg, parse_opendrive
@@ -91,7 +91,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     roads = {element.get("id", ""): element for element in root.iterfind("road")}
     if not roads:
         raise ConfigError(f"{places[root]}: contains no road")
-    ids = _choose(road, roads, shown(path))
+    ids = _choose(road, roads, display_path(path))
     parts = [RoadPart(roads[key], lane, places) for key in ids]
     legs, (s, top, bottom), closed = _join(parts)
     where = parts[0].where

@@ -14,7 +14,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.xml_reader import parse_xml, read_xml_bytes
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
 
@@ -37,7 +37,7 @@ def parse_opendrive(path: Path) -> tuple[Element, Places]:
         ConfigError: the file cannot be read, is not XML or not OpenDRIVE, or declares entities.
     """
     data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="cut out the roads that are needed")
-    document = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
+    document = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
     root = document.root
     if root.tag != "OpenDRIVE":
         raise ConfigError(f"{document.where(root)}: <{root.tag}> is not OpenDRIVE, whose root is <OpenDRIVE>")

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.core.yaml_io import shown, where
+from mirdrake.core.yaml_io import display_path, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.routes import find_place, find_route
@@ -214,8 +214,8 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
             ahead = [math.atan2(*(b - a)[::-1]) for a, b in (table.points[:2], table.points[-2:])]
             turn = abs(math.degrees(math.remainder(ahead[0] - ahead[1], 2.0 * math.pi)))
             raise ConfigError(
-                f"{shown(path)}:{table.lines[-1]}: does not close: gap {gap:.3g} m, {turn:.3g} deg from the last point "
-                "to the first; add the missing points, or remove closed: true"
+                f"{display_path(path)}:{table.lines[-1]}: does not close: gap {gap:.3g} m, {turn:.3g} deg from the "
+                "last point to the first; add the missing points, or remove closed: true"
             )
         _check_extent(table.points)
 
@@ -228,14 +228,14 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
                 # Edges are measured from the centre line, which exists only now; its own width is not used.
                 bare = Track(pieces, start=start, closed=closed)
                 edges = edges_from_widths(bare, table.points, table.left, table.right)
-            near = _nearest(pieces, start, table.points, f"{shown(path)}:{{}}", table.lines)
+            near = _nearest(pieces, start, table.points, f"{display_path(path)}:{{}}", table.lines)
             return _CentreLine(pieces, start, closed, edges, near, points=table.points)
 
         return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
         raise ConfigError(f"{location}: {error}") from None
     except WorldError as error:
-        raise WorldError(f"{location}: {shown(path)}: {error}") from None
+        raise WorldError(f"{location}: {display_path(path)}: {error}") from None
 
 
 def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:

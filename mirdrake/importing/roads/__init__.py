@@ -16,7 +16,7 @@ from pathlib import Path
 
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change
 from mirdrake.importing.places import Places
 from mirdrake.importing.roads.commonroad import read_commonroad_world
@@ -69,7 +69,7 @@ def import_road_world(
     """
     source = Path(path)
     if not source.is_file():
-        raise ConfigError(f"{shown(source)}: no such file")
+        raise ConfigError(f"{display_path(source)}: no such file")
     if name is not None:
         check_name(name)
     name = name or plain_name(source.stem)
@@ -98,13 +98,13 @@ def _write(
 
     # Messages must not name the temporary folder, which is gone when they are read.
     def without_folder(message: str) -> str:
-        return message.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
+        return message.replace(f"{display_path(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
     try:
         world = load_world(str(world_file))
     except (ConfigError, WorldError) as error:
         fault = without_folder(str(error).splitlines()[0])
-        raise ModelError(f"{shown(source)}:1: the imported world cannot be loaded: {fault}") from error
+        raise ModelError(f"{display_path(source)}:1: the imported world cannot be loaded: {fault}") from error
     # Faults of the imported world are for the user to check: the import itself succeeded.
     faults = [without_folder(fault.text) for fault in check_world(world, vehicle=None, first_steps=False)]
     checks = (*made.checks, *(f"world check: {text}" for text in faults))

@@ -16,7 +16,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.xml_reader import XmlDocument
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose, start_on_longest
 from mirdrake.worlds.networks import Network
@@ -241,7 +241,7 @@ def _report_rest(root: Element, document: XmlDocument, changes: Changes) -> None
     if uncertain:
         changes.add(
             Code.START,
-            shown(Path(document.name)),
+            display_path(Path(document.name)),
             "uncertain states",
             str(len(uncertain)),
             "middle",

@@ -16,7 +16,7 @@ import pymap3d
 
 from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.core.xml_reader import parse_xml, read_xml_bytes
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Code
 from mirdrake.importing.roads.road_world import RoadWorld, number
 from mirdrake.worlds.centre_lines import pieces_through
@@ -63,27 +63,29 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     """
     degrees, lines = _read_gpx(source) if source.suffix.lower() == ".gpx" else _read_csv(source)
     if len(degrees) < 4:
-        raise ConfigError(f"{shown(source)}: {len(degrees)} positions; a track needs four or more")
+        raise ConfigError(f"{display_path(source)}: {len(degrees)} positions; a track needs four or more")
     # The map is flat: heights are zero here and become a relief along the track.
     east, north, _ = pymap3d.geodetic2enu(degrees[:, 0], degrees[:, 1], 0.0, degrees[0, 0], degrees[0, 1], 0.0)
     places, indices = _thinned(np.column_stack((east, north)))
     made = RoadWorld("", [source], entries=1)
     if len(places) < 4:
-        raise ConfigError(f"{shown(source)}: the positions are within {_APART:g} m of each other; a track needs four")
+        raise ConfigError(
+            f"{display_path(source)}: the positions are within {_APART:g} m of each other; a track needs four"
+        )
     if len(indices) < len(degrees):
         why = f"points closer than {_spacing(east, north):.3g} m carry noise only"
         old = f"{len(degrees)}, from line {lines[0]}"
-        made.changes.add(Code.ROAD, f"{shown(source)}:{lines[0]}", "positions", old, str(len(indices)), why)
+        made.changes.add(Code.ROAD, f"{display_path(source)}:{lines[0]}", "positions", old, str(len(indices)), why)
 
     # The last point of a closed track may be before, at or beyond the first one.
     closed = math.dist(places[0], places[-1]) < _CLOSED and len(places) > 8
     places = _cut(places) if closed else places
-    smooth, pieces = _smallest(places, closed, shown(source))
+    smooth, pieces = _smallest(places, closed, display_path(source))
     if smooth:
         why = "the smallest amount with which a car can follow the line"
         # The original line would bend more than a car can steer, so that the amount of smoothing is reported.
         made.changes.add(
-            Code.ROAD, f"{shown(source)}:{lines[0]}", "positions", "noisy", f"smoothed by {smooth:g} m", why
+            Code.ROAD, f"{display_path(source)}:{lines[0]}", "positions", "noisy", f"smoothed by {smooth:g} m", why
         )
     ground = " {surface: grass}"
     heights = degrees[indices[: len(places)], 2]
@@ -114,7 +116,7 @@ def _read_gpx(source: Path) -> tuple[Array, list[int]]:
     The longest track is used, else the longest route, else the waypoints.
     """
     data = read_xml_bytes(source, largest=_LARGEST, error=ConfigError, advice="cut out the part that is needed")
-    document = parse_xml(data, shown(source), error=ConfigError, prefixes=False)
+    document = parse_xml(data, display_path(source), error=ConfigError, prefixes=False)
     if document.root.tag != "gpx":
         raise ConfigError(f"{document.where(document.root)}: <{document.root.tag}> is not GPX, whose root is <gpx>")
     # A file may contain tracks, routes and single waypoints: the longest list is the line.
@@ -140,7 +142,7 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
     try:
         text = source.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
-        raise ConfigError(f"{shown(source)}: {error.strerror or error}") from None
+        raise ConfigError(f"{display_path(source)}: {error.strerror or error}") from None
     # Spreadsheets of some countries write semicolons, loggers tabs: the most frequent one separates the columns.
     head = text.split("\n", 1)[0]
     delimiter = max(",;\t", key=head.count)
@@ -149,8 +151,8 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
     # Without a header the columns could be anything; a guess could exchange latitude and longitude.
     if columns["latitude"] is None or columns["longitude"] is None:
         raise ConfigError(
-            f"{shown(source)}:1: no columns of latitude and longitude; name them lat and lon [deg], or give a CSV file "
-            "in metres to a track of a world: csv: {file: ...}"
+            f"{display_path(source)}:1: no columns of latitude and longitude; name them lat and lon [deg], or give a "
+            "CSV file in metres to a track of a world: csv: {file: ...}"
         )
     rows: list[list[float]] = []
     lines: list[int] = []
@@ -160,7 +162,7 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
         try:
             rows.append([math.nan if at is None else float(row[at]) for at in columns.values()])
         except (ValueError, IndexError):
-            raise ConfigError(f"{shown(source)}:{line}: a position is not a number; remove the line") from None
+            raise ConfigError(f"{display_path(source)}:{line}: a position is not a number; remove the line") from None
         lines.append(line)
     return _checked(np.array(rows, dtype=float).reshape(-1, 3), lines, source)
 
@@ -169,7 +171,9 @@ def _checked(rows: Array, lines: list[int], source: Path) -> tuple[Array, list[i
     for row, line in zip(rows, lines, strict=True):
         # The comparison is false for NaN, too.
         if not (abs(row[0]) <= 90.0 and abs(row[1]) <= 360.0):
-            raise ConfigError(f"{shown(source)}:{line}: {row[0]:g}, {row[1]:g} deg is not a latitude and a longitude")
+            raise ConfigError(
+                f"{display_path(source)}:{line}: {row[0]:g}, {row[1]:g} deg is not a latitude and a longitude"
+            )
     return rows, lines
 
 

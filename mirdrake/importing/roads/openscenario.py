@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot, find_spot
 from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, number, pose
@@ -78,15 +78,17 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
         made.checks.append("The driver of the test does not react to others; replace its behaviour by your own.")
     if stop:
         why = "the test has a duration"
-        made.changes.add(Code.ELEMENT, shown(source), "end of the scenario", stop, "duration", why)
+        made.changes.add(Code.ELEMENT, display_path(source), "end of the scenario", stop, "duration", why)
     # Every entity ends as ego, actor, prop or a row of the report; none disappears without one.
     for key, entity in entities.items():
         if key not in spots:
             why = "no position at the beginning that is on the network"
-            made.changes.add(Code.MODEL, shown(source), f"entity '{key}'", entity.kind, None, why)
+            made.changes.add(Code.MODEL, display_path(source), f"entity '{key}'", entity.kind, None, why)
         elif key in others and key not in moving and speeds.get(key, 0.0) > 0.0:
             old = f"{entity.kind}, {speeds[key]:.4g} m/s"
-            made.changes.add(Code.POPULATION, shown(source), f"entity '{key}'", old, "prop", "no actor of this kind")
+            made.changes.add(
+                Code.POPULATION, display_path(source), f"entity '{key}'", old, "prop", "no actor of this kind"
+            )
     made.text = "\n".join(lines) + "\n"
     made.entries = len(others)
     return made

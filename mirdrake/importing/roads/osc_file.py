@@ -14,7 +14,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.xml_reader import XmlDocument, parse_xml, read_xml_bytes
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.networks import Lane, Network
 from mirdrake.worlds.pieces import Placement
 from mirdrake.worlds.props import prop_names
@@ -61,7 +61,7 @@ class Scenario:
     def __init__(self, path: Path) -> None:
         self.path = path
         data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="remove what is not needed")
-        self.document: XmlDocument = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
+        self.document: XmlDocument = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
         self.root = self.document.root
         if self.root.tag != "OpenSCENARIO":
             raise ConfigError(f"{self.where(self.root)}: <{self.root.tag}> is not OpenSCENARIO")
@@ -74,7 +74,7 @@ class Scenario:
 
     def where(self, element: Element) -> str:
         """Return ``file:line`` of an element."""
-        return self.document.where(element) if element in self.document.lines else shown(self.path)
+        return self.document.where(element) if element in self.document.lines else display_path(self.path)
 
     def text(self, element: Element, key: str, default: str = "") -> str:
         """Return an attribute with its parameter replaced.
@@ -138,7 +138,7 @@ class Scenario:
         files = [file for folder in folders if folder.is_dir() for file in sorted(folder.glob("*.xosc"))]
         for file in files[:_CATALOGUES]:
             data = read_xml_bytes(file, largest=_LARGEST, error=ConfigError, advice="remove what is not needed")
-            root = parse_xml(data, shown(file), error=ConfigError, prefixes=False).root
+            root = parse_xml(data, display_path(file), error=ConfigError, prefixes=False).root
             for element in root.iterfind("Catalog/*"):
                 if element.get("name") == entry:
                     return element

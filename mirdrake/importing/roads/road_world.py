@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.worlds.networks import Lane, Network
 
@@ -51,7 +51,7 @@ def note_changes(network: Network, source: Path, changes: Changes) -> None:
     for note in network.notes:
         part, _, rest = note.partition(": ")
         why = "without counterpart in a network, or approximated"
-        changes.add(Code.ROAD, f"{shown(source)}:1", part, rest or part, None, why)
+        changes.add(Code.ROAD, f"{display_path(source)}:1", part, rest or part, None, why)
 
 
 def ground_text(network: Network | None) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.model import Joint, SourceModel
@@ -119,7 +119,7 @@ def _grow(model: SourceModel, root: str, above: dict[str, Joint]) -> Tree:
 
 def source_name(model: SourceModel) -> str:
     """Return the main file, as messages name it."""
-    return shown(model.files[0]) if model.files else model.name
+    return display_path(model.files[0]) if model.files else model.name
 
 
 def frame_about(origin: Vector, *, y: Vector, up: Vector) -> RigidTransform:

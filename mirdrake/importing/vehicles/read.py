@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.gazebo_xml import read_gazebo_xml
 from mirdrake.importing.packages import Packages
 from mirdrake.importing.sdf.elements import model_file
@@ -39,12 +39,12 @@ def read_source(
     name, folder = around.own()
     if isinstance(around, Models):
         if arguments:
-            raise ModelError(f"{shown(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
+            raise ModelError(f"{display_path(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
         model = read_sdf(path, models=around)
     else:
         model = read_urdf(path, packages=around, arguments=arguments)
     if not model.links:
-        raise ModelError(f"{shown(path)}:1: no links in the model")
+        raise ModelError(f"{display_path(path)}:1: no links in the model")
     read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
     # Packages beside this one may belong to other robots: only controllers of its joints count.
     read_controllers(around.beside(), model, only=set(model.joints))
@@ -71,10 +71,10 @@ def _main_file(path: Path) -> Path:
         if path.name == "model.config":
             return _main_file(path.parent)
         if path.name.endswith(".world"):
-            raise ModelError(f"{shown(path)}: a world, not a vehicle; give the file of a model")
+            raise ModelError(f"{display_path(path)}: a world, not a vehicle; give the file of a model")
         return path
     if not path.is_dir():
-        raise ModelError(f"{shown(path)}: no such file")
+        raise ModelError(f"{display_path(path)}: no such file")
     # A Gazebo folder states its file in model.config, so nothing has to be guessed.
     sdf = model_file(path)
     if sdf is not None:
@@ -88,8 +88,10 @@ def _main_file(path: Path) -> Path:
     # Packages split a car over many xacro files; the complete one is a <robot> with a name.
     whole = [file for file in dict.fromkeys(candidates) if _is_whole(file)]
     if len(whole) != 1:
-        names = ", ".join(shown(file) for file in whole[:8]) or "none"
-        raise ModelError(f"{shown(path)}: give the file that describes the vehicle; there are {len(whole)}: {names}")
+        names = ", ".join(display_path(file) for file in whole[:8]) or "none"
+        raise ModelError(
+            f"{display_path(path)}: give the file that describes the vehicle; there are {len(whole)}: {names}"
+        )
     return whole[0]
 
 

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.colours import Rgba
@@ -80,7 +80,7 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
         names = ", ".join(element.get("name", "") for element in models[:8])
         raise ModelError(f"{files.where(models[0])}: static model '{names}': a prop, not a vehicle")
     names = ", ".join(element.get("name", "") for element in moving[:8]) or "none"
-    location = f"{shown(model.files[0])}:1"
+    location = f"{display_path(model.files[0])}:1"
     raise ModelError(f"{location}: one model is expected in the file; there are {len(moving)} ({names})")
 
 
@@ -171,7 +171,7 @@ class _Reader:
         self._model.files.append(path)
         inner = root.find("model")
         if inner is None:
-            raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
+            raise ModelError(f"{display_path(path)}:1: no <model> in the file that {where} includes")
         name = text_of(element, "name") or inner.get("name", "")
         inside = replace(scope, version=version_of(root), folder=path.parent, files=(*scope.files, path))
         if not is_true(element.get("merge", "")):

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import yaml
 
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.model import Controller, SourceModel, Transmission
 
@@ -72,7 +72,7 @@ def _read_file(path: Path) -> list[Controller]:
         data = yaml.safe_load(path.read_text(encoding="utf-8", errors="replace"))
     except (OSError, yaml.YAMLError, ValueError, RecursionError):
         return []
-    return list(_controllers(data, (), shown(path)))
+    return list(_controllers(data, (), display_path(path)))
 
 
 def _controllers(data: Any, path: tuple[str, ...], where: str) -> Iterator[Controller]:

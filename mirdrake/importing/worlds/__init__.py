@@ -24,7 +24,7 @@ from pydrake.math import RollPitchYaw
 
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.places import Places
 from mirdrake.importing.sdf.search import Models
@@ -169,8 +169,10 @@ def _build(
             return load_world(str(file))
         except (ConfigError, WorldError) as error:
             # The user does not know the folder in which the world was built.
-            fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
-            raise ModelError(f"{shown(world.files[0])}:1: the imported world cannot be loaded: {fault}") from error
+            fault = str(error).splitlines()[0].replace(f"{display_path(building)}{os.sep}", "")
+            raise ModelError(
+                f"{display_path(world.files[0])}:1: the imported world cannot be loaded: {fault}"
+            ) from error
 
     show_progress("loading")
     laid = write(starts)
@@ -200,7 +202,7 @@ def _build(
 
 def _relative(text: str, building: Path) -> str:
     """Return a message without the folder in which the world was built."""
-    return text.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
+    return text.replace(f"{display_path(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
 
 def _free_start(world: World, free: FreePlaces, props: list[PlacedProp]) -> tuple[dict[str, str], str]:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import (
@@ -145,7 +145,7 @@ class ModelReader:
             self.lights.append((light, frame))
         if model is None:
             if root.find("light") is None:
-                raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
+                raise ModelError(f"{display_path(path)}:1: no <model> in the file that {where} includes")
             return
         # The links become those of the including model, in a hidden frame for their poses.
         if is_true(element.get("merge", "")) and draft is not None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.xml_reader import XmlDocument, parse_xml, read_xml_bytes
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.networks.lane import Lane, lane_along
 from mirdrake.worlds.networks.network import Control, Network, PaintedLine, Signal, StopLine, signal_name
 from mirdrake.worlds.networks.right_of_way import decide
@@ -38,7 +38,7 @@ def parse_commonroad(path: Path) -> XmlDocument:
         ConfigError: the file cannot be read or is not such a scenario.
     """
     data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="cut out the lanelets that are needed")
-    document = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
+    document = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
     if document.root.tag != "commonRoad":
         tag = document.root.tag
         raise ConfigError(f"{document.where(document.root)}: <{tag}> is not CommonRoad, whose root is <commonRoad>")

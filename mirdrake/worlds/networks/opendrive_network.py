@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import shown
+from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.networks.lane import Change, Lane, lane_along
 from mirdrake.worlds.networks.network import DRIVEN, Network
 from mirdrake.worlds.networks.opendrive_links import Links, find_links, lane_id, miss
@@ -44,12 +44,12 @@ def read_network(path: str | Path) -> Network:
     if not roads:
         raise ConfigError(f"{places[root]}: contains no road")
     if (total := math.fsum(road.length for road in roads.values())) > LONGEST:
-        raise ConfigError(f"{shown(path)}: {total / 1e3:.4g} km of roads; allowed are {LONGEST / 1e3:g} km")
+        raise ConfigError(f"{display_path(path)}: {total / 1e3:.4g} km of roads; allowed are {LONGEST / 1e3:g} km")
 
     # Lanes first, because the direction of a connection results from those of its lanes.
     lanes = {lane.id: lane for road in roads.values() for lane in _lanes_of(road)}
     if not any(lane.kind in DRIVEN for lane in lanes.values()):
-        raise ConfigError(f"{shown(path)}: none of its {len(lanes)} lanes is for motor vehicles")
+        raise ConfigError(f"{display_path(path)}: none of its {len(lanes)} lanes is for motor vehicles")
     links = find_links(root, roads, lanes)
     lanes = _connect(lanes, links.following)
     left_hand = any(road.element.get("rule") == "LHT" for road in roads.values())
