@@ -15,7 +15,7 @@ WORDS = [
     r"\bway (driven|to the side)\b", r"\bfeels? the (air|road)\b", r"\bwithout a word\b", r"\bfor ever\b",
     r"\band its like\b",
     r"\bof one's own\b", r"\bDo it\.", r"\bstands? (every|all|in all) runs?\b", r"\bmade (log|car|vehicle)s?\b",
-    r"\bgives? way\b", r"\bknobs?\b", r"\blay over\b", r"\bclos(es|ed) the question\b", r"\bturns in most quickly\b",
+    r"\bgives? way\b", r"\bknobs?\b", r"\blay[ _]over\b", r"\bclos(es|ed) the question\b", r"\bturns in most quickly\b",
     r"\binput is back\b", r"\bmoment against overturning\b", r"\bpatches and points\b",
 ]  # fmt: skip
 """Patterns that no file contains; the CHANGELOG has some of them in its table of renamed things."""
