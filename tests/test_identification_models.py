@@ -16,6 +16,7 @@ from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import make_shots, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
+from mirdrake.identification.models import single_track as module
 from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.models.single_track_equations import (
@@ -44,16 +45,29 @@ def forces_of(model, x, u, p, slips=(0.0, 0.0)):
     return axle_forces(model._flags([p]), model._numbers(p), model._states_of(x), TrackInputs(*u), *slips)
 
 
-def test_single_track_equals_equations_written_independently():
-    time, clean = exact()
+@pytest.mark.parametrize("step", [0.01, 0.005])  # at 200 Hz, the mean of two samples
+def test_single_track_equals_equations_written_independently(step):
+    time, clean = exact(step=step)
     model = make_model(ModelSpec("single_track"), lateral_data(), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | TRUTH
-    (drive,), _ = make_segments(model, (Log("exact", "train", time, clean),))
+    (drive,), notes = make_segments(model, (Log("exact", "train", time, clean),))
+    assert drive.step == pytest.approx(0.01)
+    assert notes == ([] if step == 0.01 else ["log exact: averaged over 2 samples to 100 Hz"])
     run = simulate(model, make_shots(model, drive, p), [p], np.array([0.0, 0.0]), derivatives=False)
     assert run is not None
+    begin = 0 if step == 0.01 else 100  # the first mean is 2.5 ms after the start, whose states are given
     for i, name in enumerate(model.outputs):
         # Straight lines between samples of the steering are the difference.
-        assert np.max(np.abs(run.y[i] - clean[name])) < 2e-3 * np.max(np.abs(clean[name]))
+        off = (run.y[i] - drive.outputs[name])[begin:]
+        assert np.max(np.abs(off)) < 2e-3 * np.max(np.abs(clean[name]))
+
+
+def test_logs_of_a_small_car_are_averaged_to_its_own_time_scale():
+    """Time scales with the square root of the length: 5 ms for 0.3 m, 10 ms for a car."""
+    time, clean = exact(duration=5.0, step=0.001)
+    model = make_model(ModelSpec("single_track"), lateral_data(), {"front_length": 0.14, "rear_length": 0.16})
+    (drive,), _ = make_segments(model, (Log("exact", "train", time, clean),))
+    assert drive.step == pytest.approx(0.005)
 
 
 @pytest.mark.parametrize("count", [1, 7])
@@ -432,3 +446,24 @@ def test_a_segment_in_shots_equals_one_shot_and_the_machine_code(monkeypatch):
     for name in ("by_parameters", "by_start", "last_by"):
         theirs = getattr(many, name)
         assert getattr(compiled, name) == pytest.approx(theirs, abs=1e-4 * float(np.abs(theirs).max()))
+
+
+def test_runs_that_converge_to_the_first_one_have_the_same_derivatives(monkeypatch):
+    model = single_track(tyres="fiala", relaxation=True)
+    (drive,), _ = make_segments(model, lateral_data().train)
+    p = {info.name: info.guess for info in model.parameters} | TRUTH
+    names = ("yaw_inertia", "accelerometer_ahead")
+    columns = [p, *({**p, name: p[name] + 1e-4} for name in names)]
+    first = np.array([0.1, 0.05, 0.0, 0.0])
+    runs = []
+    for equal in (1e-12, -1.0):
+        monkeypatch.setattr(module, "_EQUAL", equal)
+        run = simulate(model, make_shots(model, drive, p), columns, first, changes=1e-4)
+        assert run is not None
+        runs.append((run.by_parameters, run.by_start))
+    for converged, whole in zip(*runs, strict=True):
+        assert converged == pytest.approx(whole, rel=1e-5, abs=1e-5 * float(np.max(np.abs(whole))))
+    # From then on the initial state has no effect; the accelerometer's place has one at all times.
+    ends = [np.flatnonzero(np.any(by_start, axis=(0, 2)))[-1] for _, by_start in runs]
+    assert ends[0] < 0.8 * ends[1]
+    assert np.any(runs[0][0][1, -1, 1])

@@ -1,11 +1,16 @@
 """A model driven by the inputs of a recorded log, for many sets of parameters in one compiled loop."""
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from multiprocessing import parent_process
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirdrake.batched.arrays import Floats, Integers
+from mirdrake.batched.arrays import Floats, Integers, Mask
 from mirdrake.core.compiled import Records, compiled
 
 
@@ -14,12 +19,12 @@ class LogEquations(NamedTuple):
 
     Attributes:
         rates: (settings, p, x, u, ẋ): writes the derivatives of a row of states.
-        observe: (settings, p, x, u, y): writes the outputs.
+        observe: (settings, p, x, u, ẋ, y): writes the derivatives and the outputs, which share most of their terms.
         parts: functions that these call, directly or indirectly.
     """
 
     rates: Callable[[Any, Any, Sequence[float], Sequence[float], Any], None]
-    observe: Callable[[Any, Any, Sequence[float], Sequence[float], Any], None]
+    observe: Callable[[Any, Any, Sequence[float], Sequence[float], Any, Any], None]
     parts: tuple[Callable[..., Any], ...] = ()
 
 
@@ -46,11 +51,17 @@ def run_log(
     step: float,
     substeps: int,
     outputs: int,
+    follows: Sequence[bool] | None = None,
+    tolerances: Floats | None = None,
 ) -> LogRuns:
     """Return the outputs of a model along a log, for n sets of parameters and initial states.
 
     Each run is integrated by Runge-Kutta steps from its initial state. A run that diverges ends in numbers that are
     not finite; the others do not change.
+
+    A run whose derivatives are the functions of those of the first run, but whose initial state differs, converges to
+    it if the model is stable. Once its states are equal to those of the first run within tolerances, they are taken
+    from there, and only its outputs are computed.
 
     Args:
         equations: equations of the model.
@@ -62,6 +73,8 @@ def run_log(
         step: step of the integration [s].
         substeps: steps per sample.
         outputs: number of outputs.
+        follows: whether a run has inputs and derivatives of the first one (n); none if left out.
+        tolerances: difference of each state below which it then counts as equal (states).
     """
     # A copy: the kernel overwrites the states.
     last = np.array(starts, dtype=float)
@@ -69,7 +82,20 @@ def run_log(
     seen: Floats = np.empty((len(last), samples, outputs))
     kernel = compiled(_run, (equations.rates, equations.observe), parts=equations.parts, nogil=True)
     sets: Integers = np.asarray(rows, dtype=np.int64)
-    kernel(settings, parameters, np.ascontiguousarray(inputs), sets, float(step), int(substeps), last, seen)
+    joins: Mask = np.zeros(len(last), dtype=bool) if follows is None else np.asarray(follows, dtype=bool)
+    equal: Floats = np.zeros(last.shape[1]) if tolerances is None else np.asarray(tolerances, dtype=float)
+    arguments = (settings, parameters, np.ascontiguousarray(inputs), sets, joins, equal, float(step), int(substeps))
+    changed = (last, np.empty((samples, last.shape[1])), seen)
+    # The first run alone, as the others may read its states.
+    kernel(*arguments, 0, 1, *changed)
+    # Runs that follow end early; one in turn for each thread keeps the threads equally busy.
+    threads = _threads()
+    if len(last) < 1 + threads or threads == 1:
+        kernel(*arguments, 1, len(last), *changed)
+        return LogRuns(seen, last)
+    bounds = np.linspace(1, len(last), threads + 1).astype(int).tolist()
+    for call in [_pool().submit(kernel, *arguments, begin, end, *changed) for begin, end in pairwise(bounds)]:
+        call.result()
     return LogRuns(seen, last)
 
 
@@ -80,27 +106,48 @@ def _run(
     parameters: Any,
     inputs: Floats,
     rows: Integers,
+    follows: Mask,
+    tolerances: Floats,
     step: float,
     substeps: int,
+    first: int,
+    last: int,
     states: Floats,
+    path: Floats,
     outputs: Floats,
 ) -> None:
-    """Integrate each run along the log; arguments as in :func:`run_log`, states and outputs are overwritten."""
+    """Integrate the runs from `first` to before `last`; other arguments as in :func:`run_log`.
+
+    States, the path of the first run (samples, states) and outputs are overwritten.
+    """
     # The stages of the Runge-Kutta method share buffers over all runs.
     width = states.shape[1]
     x, between = np.empty(width), np.empty(width)
     k1, k2, k3, k4 = np.empty(width), np.empty(width), np.empty(width), np.empty(width)
     half, sixth = 0.5 * step, step / 6.0
-    for i in range(states.shape[0]):
-        own, row = parameters[i], rows[i]
+    for i in range(first, last):
+        own, row, joined = parameters[i], rows[i], False
         x[:] = states[i]
         for sample in range(outputs.shape[1]):
+            if follows[i] and not joined:
+                joined = True
+                for j in range(width):
+                    # Written so that NaN counts as different.
+                    if not abs(x[j] - path[sample, j]) <= tolerances[j]:
+                        joined = False
+            if joined:
+                x[:] = path[sample]
+            elif i == 0:
+                path[sample] = x
             # Outputs before the step: those of a sample belong to its own time.
-            observe(settings[0], own, x, inputs[row, 2 * substeps * sample], outputs[i, sample])
+            observe(settings[0], own, x, inputs[row, 2 * substeps * sample], k1, outputs[i, sample])
+            if joined:
+                continue
             for substep in range(substeps):
                 # Inputs are tabulated at the ends and middles of steps, where the four stages need them.
                 at = 2 * (substeps * sample + substep)
-                rates(settings[0], own, x, inputs[row, at], k1)
+                if substep > 0:
+                    rates(settings[0], own, x, inputs[row, at], k1)
                 for j in range(width):
                     between[j] = x[j] + half * k1[j]
                 rates(settings[0], own, between, inputs[row, at + 1], k2)
@@ -112,4 +159,14 @@ def _run(
                 rates(settings[0], own, between, inputs[row, at + 2], k4)
                 for j in range(width):
                     x[j] += sixth * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
-        states[i] = x
+        states[i] = states[0] if joined else x
+
+
+def _threads() -> int:
+    """Return the number of threads: a core each, and one in a worker process, of which each core has one."""
+    return 1 if parent_process() is not None else len(os.sched_getaffinity(0))
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_threads())

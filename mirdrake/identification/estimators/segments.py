@@ -13,9 +13,6 @@ from mirdrake.identification.timing import median_step
 MAX_GAP = 0.25
 """Gaps of the inputs up to this length are interpolated [s]; a longer one ends a segment."""
 
-MIN_STEP = 0.004
-"""Logs with a shorter step are averaged to this step at least [s]."""
-
 MAX_SAMPLES = 400_000
 """Largest number of samples of a data set; larger ones are averaged as well."""
 
@@ -97,8 +94,9 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
         values, near = _resampled(time, channels[name], even, 1.5 * step)
         outputs[name] = np.where(near, values, np.nan)
 
-    # More samples than the estimators need are averaged.
-    many = max(int(np.floor(MIN_STEP / step + 1e-6)), int(np.ceil(total / MAX_SAMPLES)), 1)
+    # More samples than the estimators need are averaged. The mean is the same filter for inputs and outputs, so that
+    # the model still holds between them, and it attenuates noise above the new Nyquist frequency.
+    many = max(int(np.floor(model.sample_time / step + 1e-6)), int(np.ceil(total / MAX_SAMPLES)), 1)
     if many > 1:
         rows = len(even) // many * many
         even = even[:rows].reshape(-1, many).mean(axis=1)

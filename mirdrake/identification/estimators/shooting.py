@@ -279,7 +279,12 @@ def _compiled_runs(
             inputs[key] = len(signals)
             signals.append(model.input_signals(p, shots.drive, times).T)
         rows.append(inputs[key])
-    runs = model.run_log(sets, np.array(signals), rows, starts, shots.drive.step / shots.substeps, shots.substeps)
+    # Runs that differ from the first one by initial state or sensors only converge to its states.
+    own = [name for name in columns[0] if name not in model.sensor_parameters]
+    follows = [k > 0 and all(p[name] == columns[0][name] for name in own) for k, p in enumerate(sets)]
+    runs = model.run_log(
+        sets, np.array(signals), rows, starts, shots.drive.step / shots.substeps, shots.substeps, follows
+    )
     if not (np.isfinite(runs.outputs).all() and np.isfinite(runs.last).all()):
         return None
     steps = np.concatenate((np.full(free, changes), changes * scales)) if derivatives else np.empty(0)

@@ -193,6 +193,7 @@ class Model(ABC):
         inputs: channels that drive the equations.
         outputs: channels that are compared.
         max_step: longest step of the integration [s].
+        sample_time: sample time up to which logs are averaged [s].
         difference_step: change of a scaled parameter for a numerical derivative.
         tolerance: relative change of the unknowns at which a fit ends.
     """
@@ -207,6 +208,7 @@ class Model(ABC):
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     max_step: float = 0.0101
+    sample_time: float = 0.004
     difference_step: float = 1e-5
     tolerance: float = 1e-7
 

@@ -46,14 +46,16 @@ class CompiledModel(EquationModel):
 
     Attributes:
         uses_machine_code: whether estimators use it; the equations give the same runs, more slowly.
+        sensor_parameters: parameters that change the outputs only, not the states.
     """
 
     uses_machine_code: bool = True
+    sensor_parameters: frozenset[str] = frozenset()
 
     @abstractmethod
     def run_log(
         self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
-        substeps: int,
+        substeps: int, follows: Sequence[bool],
     ) -> LogRuns:  # fmt: skip
         """Return complete runs along a log by machine code.
 
@@ -64,4 +66,5 @@ class CompiledModel(EquationModel):
             starts: initial states (n, states).
             step: step of the integration [s].
             substeps: steps per sample.
+            follows: whether a run differs from the first one by its initial state and sensor parameters only (n).
         """

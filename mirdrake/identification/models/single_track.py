@@ -132,6 +132,17 @@ _NUMBERS = (
 
 _NUMBERS_TYPE = np.dtype([(name, float) for name in _NUMBERS])
 
+_SENSOR_PARAMETERS = frozenset(
+    {
+        "accelerometer_ahead", "accelerometer_height", "accelerometer_tilt", "accelerometer_delay", "velocity_ahead",
+        "velocity_height", "velocity_delay",
+    }
+)  # fmt: skip
+"""Parameters that only :func:`mirdrake.identification.models.single_track_equations.observe` uses."""
+
+_EQUAL = 1e-12
+"""Difference over the scale of a state below which two runs are one [1]: 1e-7 of the changes for derivatives."""
+
 _MIN_TIME = 0.4
 """Least time constant of slip, dampers and steering compliance, over the step of the integration [1]."""
 
@@ -163,6 +174,7 @@ class SingleTrackModel(CompiledModel):
     kind = "single_track"
     Options = SingleTrackOptions
     uses_steering_guess = True
+    sensor_parameters = _SENSOR_PARAMETERS
     rolls_by_default = False
 
     def __init__(
@@ -217,6 +229,9 @@ class SingleTrackModel(CompiledModel):
         self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
         # Slip of stiff tyres at 3 v1 settles at some 60 sqrt(g / L); Runge-Kutta needs steps of less than 2.8 of it.
         self.max_step = min(self.max_step, _STEP * (length / GRAVITY) ** 0.5)
+        # This step resolves the motion; finer samples show more noise only. L. Ljung recommends ten samples in a period
+        # of the bandwidth (System Identification, 2nd ed., 1999, section 13.7): for a car with 2 Hz, 50 ms.
+        self.sample_time = self.max_step
 
     @classmethod
     def is_default_for(cls, channels: set[str]) -> bool:
@@ -277,13 +292,15 @@ class SingleTrackModel(CompiledModel):
 
     def run_log(
         self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
-        substeps: int,
+        substeps: int, follows: Sequence[bool],
     ) -> LogRuns:  # fmt: skip
         """See :meth:`CompiledModel.run_log`."""
         # A plain array viewed as records: filling records field by field would take longer than the run.
         numbers: Array = np.array([list(vars(self._numbers(p)).values()) for p in columns])
         wide = np.zeros((len(starts), len(TrackState._fields)))
         wide[:, self._state_columns] = starts
+        equal = np.zeros(len(TrackState._fields))
+        equal[self._state_columns] = _EQUAL * np.array(self.state_scales)
         runs = run_log(
             equations.EQUATIONS,
             records(TrackFlags, [self._flags(columns)]),
@@ -294,6 +311,8 @@ class SingleTrackModel(CompiledModel):
             step=step,
             substeps=substeps,
             outputs=len(equations.OUTPUTS),
+            follows=follows,
+            tolerances=equal,
         )
         return LogRuns(runs.outputs[..., self._output_columns], runs.last[:, self._state_columns])
 

@@ -207,13 +207,43 @@ def accelerations(
     return side, turn, natural * (natural * (p.roll_gain * excitation - x.roll) - 2.0 * p.roll_damping * rate)
 
 
-def rates(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> TrackState:
-    """Return the time derivatives of the states."""
+class Motion(NamedTuple):
+    """Slips, forces and accelerations, from which derivatives and outputs follow.
+
+    Attributes:
+        slip_front: kinematic slip angle of the front axle [rad].
+        slip_rear: that of the rear axle [rad].
+        front: lateral force of the front axle [N].
+        side: lateral acceleration of the centre of mass [m/s²].
+        turn: yaw acceleration [rad/s²].
+        roll: roll acceleration [rad/s²].
+    """
+
+    slip_front: Value
+    slip_rear: Value
+    front: Value
+    side: Value
+    turn: Value
+    roll: Value
+
+
+def motion_of(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> Motion:
+    """Return slips, forces and accelerations."""
     slip_front, slip_rear = slip_angles(k, p, x, u)
     front, rear = axle_forces(k, p, x, u, slip_front, slip_rear)
-    side, turn, roll_acceleration = accelerations(k, p, x, u, front, rear)
+    side, turn, roll = accelerations(k, p, x, u, front, rear)
+    return Motion(slip_front, slip_rear, front, side, turn, roll)
+
+
+def rates(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> TrackState:
+    """Return the time derivatives of the states."""
+    return rates_of(k, p, x, u, motion_of(k, p, x, u))
+
+
+def rates_of(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs, now: Motion) -> TrackState:
+    """Return the time derivatives of the states in a motion."""
     # Derivative in the rotating frame of the car: ay = dvy/dt + r vx.
-    vy_rate = side - x.yaw_rate * u.speed
+    vy_rate, roll_acceleration = now.side - x.yaw_rate * u.speed, now.roll
     roll_rate, damper_rate, front_rate, rear_rate, deflection_rate = 0.0, 0.0, 0.0, 0.0, 0.0
     if k.roll:
         vy_rate = vy_rate + p.roll_arm * roll_acceleration
@@ -224,18 +254,18 @@ def rates(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> TrackState:
         damper_rate = (x.roll_rate - x.damper_rate) / larger(p.roll_damper_time, k.least_time)
     if k.relaxation:
         v = larger(u.speed, k.low_speed)
-        front_rate = (slip_front - x.slip_front) / relaxation_time(k, p.relaxation_front, v)
-        rear_rate = (slip_rear - x.slip_rear) / relaxation_time(k, p.relaxation_rear, v)
+        front_rate = (now.slip_front - x.slip_front) / relaxation_time(k, p.relaxation_front, v)
+        rear_rate = (now.slip_rear - x.slip_rear) / relaxation_time(k, p.relaxation_rear, v)
     if k.compliant:
         # Moment about the steering axes: aligning moment, inertia, camber and the gyroscopic moment of the rolling
         # wheels.
-        moment = -p.trail_front * front - p.steering_inertia * (u.angle_acceleration + turn)
+        moment = -p.trail_front * now.front - p.steering_inertia * (u.angle_acceleration + now.turn)
         if k.roll:
             moment = moment + p.camber_moment * x.roll - 0.5 * p.wheel_momentum * u.speed * x.roll_rate
         time = larger(p.steering_compliance_time, k.least_time)
         deflection_rate = (p.steering_compliance * moment - x.steering_deflection) / time
     return TrackState(
-        vy_rate, turn, roll_rate, roll_acceleration, damper_rate, front_rate, rear_rate, deflection_rate
+        vy_rate, now.turn, roll_rate, roll_acceleration, damper_rate, front_rate, rear_rate, deflection_rate
     )  # fmt: skip
 
 
@@ -251,20 +281,25 @@ def relaxation_time(k: TrackFlags, length: Value, speed: Value) -> Value:
 
 def observe(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> tuple[Value, Value, Value, Value, Value]:
     """Return the sensor readings, in the order of :data:`OUTPUTS`; an acceleration that is not observed is zero."""
+    return observe_in(k, p, x, u, motion_of(k, p, x, u))
+
+
+def observe_in(
+    k: TrackFlags, p: Any, x: TrackState, u: TrackInputs, now: Motion
+) -> tuple[Value, Value, Value, Value, Value]:
+    """Return the sensor readings in a motion; see :func:`observe`."""
     seen = 0.0
     if k.sees_acceleration:
-        then, now = x, u
+        then, motion = x, now
         if k.acceleration_late:
-            then, now = earlier(k, p, x, u, p.accelerometer_delay)
-        slip_front, slip_rear = slip_angles(k, p, then, now)
-        front, rear = axle_forces(k, p, then, now, slip_front, slip_rear)
-        side, turn, roll_acceleration = accelerations(k, p, then, now, front, rear)
+            then, before = earlier(k, p, x, u, p.accelerometer_delay)
+            motion = motion_of(k, p, then, before)
         # An accelerometer ahead of the centre of mass also measures d dr/dt; centripetal terms point along the car.
-        seen = side + p.accelerometer_ahead * turn
+        seen = motion.side + p.accelerometer_ahead * motion.turn
         if k.roll:
             # Height relative to the centre of mass, and the part of gravity that a sensor on the rolling body measures.
             arm, tilt = p.roll_arm - p.accelerometer_height, p.accelerometer_tilt * GRAVITY
-            seen = seen + arm * roll_acceleration + tilt * then.roll
+            seen = seen + arm * motion.roll + tilt * then.roll
     # The state vy is that of the roll axis; a point above it moves to the left as the body rolls to the left.
     late = x
     if k.velocity_late:
@@ -325,19 +360,27 @@ def fill_rates(k: Any, p: Any, x: Sequence[float], u: Sequence[float], slopes: M
         slopes[i] = result[i]
 
 
-def fill_outputs(k: Any, p: Any, x: Sequence[float], u: Sequence[float], outputs: MutableSequence[float]) -> None:
-    """Write the sensor readings of a row of states."""
-    result = observe(k, p, read_track(x), read_inputs(u))
+def fill_outputs(
+    k: Any, p: Any, x: Sequence[float], u: Sequence[float], slopes: MutableSequence[float],
+    outputs: MutableSequence[float],
+) -> None:  # fmt: skip
+    """Write the time derivatives and the sensor readings of a row of states."""
+    states, inputs = read_track(x), read_inputs(u)
+    now = motion_of(k, p, states, inputs)
+    result = rates_of(k, p, states, inputs, now)
     for i in range(len(result)):
-        outputs[i] = result[i]
+        slopes[i] = result[i]
+    seen = observe_in(k, p, states, inputs, now)
+    for i in range(len(seen)):
+        outputs[i] = seen[i]
 
 
 EQUATIONS = LogEquations(
     fill_rates,
     fill_outputs,
     (
-        rates, observe, slip_angles, axle_forces, total_force, front_force, lateral_force, accelerations,
-        relaxation_time, earlier, inputs_before, moved, read_track, read_inputs,
+        rates, rates_of, motion_of, observe_in, slip_angles, axle_forces, total_force, front_force, lateral_force,
+        accelerations, relaxation_time, earlier, inputs_before, moved, read_track, read_inputs,
     ),
 )  # fmt: skip
 """Equations for :func:`mirdrake.batched.log_runs.run_log`."""
