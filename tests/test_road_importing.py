@@ -103,8 +103,8 @@ def test_csv_with_latitude_longitude_and_height_has_relief(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("file", "text", "message"),
     [
-        ("a.csv", "x,y\n1,2\n", r"a.csv:1: no columns of latitude and longitude; name them lat and lon \[deg\]"),
-        ("a.csv", "lat,lon\n1,2\n3,x\n", r"a.csv:3: a position is not a number; remove the line"),
+        ("a.csv", "x,y\n1,2\n", r"a.csv: no columns of latitude and longitude; name them lat and lon \[deg\]"),
+        ("a.csv", "lat,lon\n1,2\n3,x\n", r"a.csv:3: column 'lon': 'x' is not a number"),
         ("a.csv", "lat,lon\n91,2\n", r"a.csv:2: 91, 2 deg is not a latitude and a longitude"),
         ("a.gpx", "<gpx><trk/></gpx>", "a.gpx: 0 positions; a track needs four or more"),
         ("a.gpx", "<kml/>", "a.gpx:1: <kml> is not GPX, whose root is <gpx>"),

@@ -19,6 +19,8 @@ from mirdrake.core.xml_reader import parse_xml, read_xml_bytes
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Code
 from mirdrake.importing.roads.road_world import RoadWorld, number
+from mirdrake.readers.csv_files import read_csv
+from mirdrake.readers.tables import Request
 from mirdrake.worlds.centre_lines import pieces_through
 from mirdrake.worlds.pieces import Array, Piece
 from mirdrake.worlds.tracks import Track
@@ -139,32 +141,19 @@ def _read_gpx(source: Path) -> tuple[Array, list[int]]:
 
 def _read_csv(source: Path) -> tuple[Array, list[int]]:
     """Return latitude, longitude [deg] and height [m] of the lines of a CSV file, N x 3, and their lines."""
-    try:
-        text = source.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise ConfigError(f"{display_path(source)}: {error.strerror or error}") from None
-    # Spreadsheets of some countries write semicolons, loggers tabs: the most frequent one separates the columns.
-    head = text.split("\n", 1)[0]
-    delimiter = max(",;\t", key=head.count)
-    names = [name.strip().lower() for name in head.split(delimiter)]
-    columns = {part: next((names.index(n) for n in known if n in names), None) for part, known in _NAMES.items()}
+    table = read_csv(Request(source, [name for known in _NAMES.values() for name in known]))
+    names = {name.lower(): name for name in table.names}
+    columns = {part: next((names[n] for n in known if n in names), None) for part, known in _NAMES.items()}
     # Without a header the columns could be anything; a guess could exchange latitude and longitude.
     if columns["latitude"] is None or columns["longitude"] is None:
         raise ConfigError(
-            f"{display_path(source)}:1: no columns of latitude and longitude; name them lat and lon [deg], or give a "
-            "CSV file in metres to a track of a world: csv: {file: ...}"
+            f"{table.name}: no columns of latitude and longitude; name them lat and lon [deg], or give a CSV file in "
+            "metres to a track of a world: csv: {file: ...}"
         )
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    for line, row in enumerate(csv.reader(text.splitlines()[1:], delimiter=delimiter), start=2):
-        if not row:
-            continue
-        try:
-            rows.append([math.nan if at is None else float(row[at]) for at in columns.values()])
-        except (ValueError, IndexError):
-            raise ConfigError(f"{display_path(source)}:{line}: a position is not a number; remove the line") from None
-        lines.append(line)
-    return _checked(np.array(rows, dtype=float).reshape(-1, 3), lines, source)
+    lines = [] if table.lines is None else table.lines.tolist()
+    missing = np.full(len(lines), math.nan)
+    values = [missing if name is None else table.numbers(name, table.name) for name in columns.values()]
+    return _checked(np.column_stack(values), lines, source)
 
 
 def _checked(rows: Array, lines: list[int], source: Path) -> tuple[Array, list[int]]:
