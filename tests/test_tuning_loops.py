@@ -239,7 +239,7 @@ def test_the_dead_time_of_a_bench_is_the_delay_and_the_mean_wait_for_the_actuato
         speed = float(car_speed(bench, bench.state(loop.context)[:, None])[0])
         return loop.step(effort)[0], speed
 
-    response = measure_frequency_response(
+    (response,) = measure_frequency_response(
         excite, period=bench.period, frequencies=[2.0, 4.0], amplitude=100.0, cycles=1, settle=1
     )
     # The car is an integrator, of which 90° are taken off. (Its wheels lag behind it, as their tyres are unloaded.)

@@ -7,27 +7,21 @@ Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases: M. R. Schroe
 85.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.core.checks import check_number
-from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.tuning.fourier import fourier_line
 from mirdrake.tuning.gains import hold_response
 from mirdrake.tuning.models import Complexes, Floats
-from mirdrake.tuning.process_models import Loop
-
-_Part = tuple[Floats, Complexes, Floats]
-"""Frequencies of one excitation, and G and its deviation, a row per measurement."""
 
 Measurements = Callable[[float], tuple[float, ...]]
-"""A loop of which several signals are measured: adds an excitation, returns the control and the measurements."""
+"""A loop: adds an excitation, returns the control and the measurements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,57 +75,32 @@ class FrequencyResponse:
 
 
 def measure_frequency_response(
-    loop: Loop,
-    *,
-    period: float,
-    frequencies: Sequence[float] | Floats,
-    amplitude: float,
-    method: Literal["multisine", "sine"] = "multisine",
-    cycles: int = 4,
-    settle: int = 2,
-) -> FrequencyResponse:
-    """Excite a closed loop and estimate the frequency response of its plant.
-
-    Args:
-        loop: adds an excitation [u] to the control for one period and returns (control, measurement), see
-            :mod:`mirdrake.tuning.process_models`.
-        period: period of the loop [s].
-        frequencies: wanted frequencies [rad/s], below π/period. A multisine moves them to the nearest multiple of the
-            lowest, a sine to a whole number of periods; duplicates are removed.
-        amplitude: of a sine; for a multisine, root of the sum of the squared amplitudes [u].
-        method: all frequencies at once, or one after the other, which takes longer and is less sensitive to noise.
-        cycles: number of cycles to average; for a multisine, of the lowest frequency [1].
-        settle: cycles of the lowest frequency before them, for each sine [1].
-
-    Returns:
-        G of the plant, without the hold of the control over a period.
-
-    Raises:
-        ConfigError: a setting is out of range.
-        RunError: numbers that are not finite, or a control without a trace of the excitation.
-    """
-    (response,) = measure_frequency_responses(
-        loop, period=period, frequencies=frequencies, amplitude=amplitude, method=method, cycles=cycles, settle=settle
-    )
-    return response
-
-
-def measure_frequency_responses(
     loop: Measurements,
     *,
     period: float,
     frequencies: Sequence[float] | Floats,
     amplitude: float,
-    method: Literal["multisine", "sine"] = "multisine",
     cycles: int = 4,
     settle: int = 2,
 ) -> tuple[FrequencyResponse, ...]:
-    """Estimate the frequency responses from the control to several measurements in one experiment.
+    """Excite a closed loop and estimate the frequency responses from the control to its measurements.
 
-    See :func:`measure_frequency_response`; the loop returns the control, then the measurements.
+    Args:
+        loop: adds an excitation [u] to the control for one period and returns the control and one or several
+            measurements, see :mod:`mirdrake.tuning.process_models`.
+        period: period of the loop [s].
+        frequencies: wanted frequencies [rad/s], below π/period; moved to the nearest multiple of the lowest.
+        amplitude: root of the sum of the squared amplitudes of the multisine [u].
+        cycles: number of cycles of the lowest frequency to average [1].
+        settle: cycles before them [1].
+
+    Returns:
+        G of the plant for each measurement, without the hold of the control over a period.
+
+    Raises:
+        ConfigError: a setting is out of range.
+        RunError: numbers that are not finite, or a control without a trace of the excitation.
     """
-    if method not in ("multisine", "sine"):
-        raise ConfigError(f"measure_frequency_response: {did_you_mean(method, ('multisine', 'sine'))}")
     check_number("frequency response", "period", period, unit="s", above=0.0)
     check_number("frequency response", "amplitude", amplitude, above=0.0)
     if cycles < 1 or settle < 0:
@@ -142,21 +111,14 @@ def measure_frequency_responses(
             f"frequency response: two frequencies or more between 0 and {np.pi / period:.4g} rad/s are needed"
         )
 
-    # Every line of a multisine is a whole multiple of the lowest one, so that a period of it has no leakage.
-    if method == "multisine":
-        samples = round(2.0 * np.pi / (wanted[0] * period))
-        base = 2.0 * np.pi / (samples * period)
-        lines = np.unique(np.round(wanted / base)).astype(int)
-        # Lines at or above the Nyquist frequency cannot be sampled.
-        lines = lines[2 * lines < samples]
-        return _joined([_measure(loop, period, samples, lines, amplitude, cycles, settle)])
-    # Sines of whole numbers of samples, at least 3 a period, from the lowest frequency to the highest.
-    counts = np.unique(np.maximum(np.round(2.0 * np.pi / (wanted * period)), 3).astype(int))[::-1]
-    single_line = np.array([1])
-    # Transients take as long at every frequency: settle for the duration of the lowest one.
-    settles = [math.ceil(settle * counts[0] / n) for n in counts]
-    parts = zip(counts.tolist(), settles, strict=True)
-    return _joined([_measure(loop, period, n, single_line, amplitude, cycles, before) for n, before in parts])
+    # Every line is a whole multiple of the lowest one, so that a period of the multisine has no leakage.
+    samples = round(2.0 * np.pi / (wanted[0] * period))
+    base = 2.0 * np.pi / (samples * period)
+    lines = np.unique(np.round(wanted / base)).astype(int)
+    # Lines at or above the Nyquist frequency cannot be sampled.
+    lines = lines[2 * lines < samples]
+    measured, values, deviations = _measure(loop, period, samples, lines, amplitude, cycles, settle)
+    return tuple(FrequencyResponse(measured, *rows) for rows in zip(values, deviations, strict=True))
 
 
 def _measure(
@@ -167,8 +129,11 @@ def _measure(
     amplitude: float,
     cycles: int,
     settle: int,
-) -> _Part:
-    """Return frequencies, G and deviation of the multiples `lines` of the frequency with `samples` periods."""
+) -> tuple[Floats, Complexes, Floats]:
+    """Return frequencies, and rows of G and its deviation for each measurement.
+
+    The frequencies are the multiples `lines` of the one with a cycle of `samples` periods.
+    """
     base = 2.0 * np.pi / (samples * period)
     angle = np.arange(samples) * period * base
     count = len(lines)
@@ -201,8 +166,3 @@ def _measure(
     # The experiment sees the plant behind the zero-order hold; the hold is removed to get the plant alone.
     hold = hold_response(frequencies, period)
     return frequencies, plants / hold, deviation / np.abs(hold)
-
-
-def _joined(parts: list[_Part]) -> tuple[FrequencyResponse, ...]:
-    frequencies, values, deviations = (np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
-    return tuple(FrequencyResponse(frequencies, *rows) for rows in zip(values, deviations, strict=True))

@@ -136,37 +136,25 @@ def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
     return from_standard(gain / model.gain, integral, derivative, proportional_weight=weight)
 
 
-def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form: Form = "PI") -> PidGains:
+def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float) -> PidGains:
     """Return gains for a closed loop of first order (critically damped for an integrator) with a time constant λ.
 
-    PI: T/(K (λ + L)), T; PID: (T + L/2)/(K (λ + L/2)), T + L/2, T L/(2 T + L);
-    integrator, PI: (2 λ + L)/(Kv (λ + L)²), 2 λ + L.
+    PI: T/(K (λ + L)), T; integrator: (2 λ + L)/(Kv (λ + L)²), 2 λ + L.
 
     Args:
         model: the model.
         closed_loop_time: λ [s].
-        form: PI, or PID for a first-order model.
 
     Raises:
-        ConfigError: λ + L is not positive, or the model has no such form.
+        ConfigError: λ + L is not positive.
     """
     # λ is the time constant that the closed loop shall have; the gains cancel the lag of the process.
     time = check_number("lambda tuning", "closed_loop_time", closed_loop_time, unit="s", at_least=0.0)
     delay = model.delay
     check_number("lambda tuning", "closed_loop_time + delay", time + delay, unit="s", above=0.0)
     if isinstance(model, Integrator):
-        if form != "PI":
-            raise _unknown(form, "PI")
         return from_standard((2.0 * time + delay) / (model.gain * (time + delay) ** 2), 2.0 * time + delay)
-    lag = model.time_constant
-    match form:
-        case "PI":
-            return from_standard(lag / (model.gain * (time + delay)), lag)
-        case "PID":
-            integral = lag + 0.5 * delay
-            gain = integral / (model.gain * (time + 0.5 * delay))
-            return from_standard(gain, integral, lag * delay / (2.0 * lag + delay))
-    raise _unknown(form, "PI", "PID")
+    return from_standard(model.time_constant / (model.gain * (time + delay)), model.time_constant)
 
 
 def _delay(model: FirstOrder | Integrator) -> float:

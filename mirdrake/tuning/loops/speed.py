@@ -12,7 +12,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.yaml_io import where
 from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_responses
+from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
 from mirdrake.tuning.identify import (
     Identification,
     failed_relay,
@@ -294,7 +294,7 @@ class WheelSpeedLoop(VehicleLoop):
         # At the highest frequency the dead time turns the phase by 4 rad at most.
         top = min(0.4 * math.pi / bench.period, 4.0 / (bench.spec.delay + bench.period))
         frequencies = np.geomspace(0.5, top, LINES)
-        return measure_frequency_responses(
+        return measure_frequency_response(
             excite, period=bench.period, frequencies=frequencies, amplitude=size, cycles=2, settle=1
         )
 

@@ -137,7 +137,7 @@ class SteeringLoop(VehicleLoop):
         wanted = np.geomspace(1.0, min(0.3 * np.pi / period, 3.0 / delay), 12)
         responses, plants = [], []
         for apart in (False, True):
-            response = measure_frequency_response(
+            (response,) = measure_frequency_response(
                 BenchLoop(bench, gains, apart=apart).step,
                 period=period,
                 frequencies=wanted,
