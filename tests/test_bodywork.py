@@ -275,7 +275,7 @@ def new_corners(triangles: np.ndarray, others: np.ndarray) -> int:
     return int(np.count_nonzero(distance > 1e-4))
 
 
-@pytest.mark.parametrize("style", SIZES)
+@pytest.mark.parametrize("style", mostly_slow(SIZES, fast=3))
 def test_a_new_body_has_the_given_size_and_room_for_its_wheels(style: str, tmp_path: Path) -> None:
     sizes = {**SIZES[style][0], **SIZES[style][1]}
     write_car(tmp_path, style=style, size=size_of(style))
