@@ -159,7 +159,7 @@ def yield_line_rows(world: World, numbers: Mapping[str, int]) -> Array:
 def start_states(world: World, lanes: LaneTable) -> Records:
     """Return the states of the actors at the start (n)."""
     numbers = {name: number for number, name in enumerate(world.lanes)}
-    # As attributes in Python, too, where `set_pose` is not compiled.
+    # Fields are attributes here as in compiled code, because Python calls the same `set_pose`.
     lanes = LaneTable(*(table.view(np.recarray) for table in lanes))
     rows = np.zeros(len(world.actors), STATE).view(np.recarray)
     for row, actor in zip(rows, world.actors, strict=True):

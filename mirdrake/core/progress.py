@@ -92,7 +92,7 @@ class Progress:
         title: str | None = None,
         text: str | None = None,
     ) -> None:
-        """Show how far the work is.
+        """Show the progress of the work.
 
         Args:
             done: amount of work that is done, from 0 to the total.

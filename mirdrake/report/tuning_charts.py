@@ -254,7 +254,7 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: 
             tops.append(float(good[-1]))
     axes.set_ylim(0.0, 103.0)
     axes.axhline(100.0, color=THEME["muted"], linewidth=0.8)
-    # One far worse would hide the others; where a figure is not positive, "six times" has no meaning.
+    # A candidate that is far worse would hide the others; a ratio of figures has a meaning only if they are positive.
     if len(tops) > 1 and max(tops) > 6.0 * min(tops) > 0.0:
         axes.set_xlim(0.0, 6.0 * min(tops))
     label(axes, title, "Share of the runs [%]")

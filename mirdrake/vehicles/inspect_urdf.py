@@ -213,7 +213,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
 def _massless(
     urdf: Urdf, links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]
 ) -> Iterator[MirdrakeError]:
-    """Yield links without mass that move, also with those fixed to them: Drake fails at the first step."""
+    """Yield moving links that have no mass, even with the links fixed to them: Drake fails at the first step."""
     parent_of = {}
     for joint in joints.values():
         parent, child = joint.find("parent"), joint.find("child")

@@ -296,7 +296,7 @@ class _Reader:
         return obj
 
     def _planes(self, obj: SourceObject) -> bool:
-        """Take the planes out of an object; return whether it was nothing else."""
+        """Remove the planes from an object; return whether it consists of planes only."""
         if obj.absent and plain_name(obj.kind) in _PLANES:
             size = (20.0, 20.0) if plain_name(obj.kind) == "asphalt_plane" else (100.0, 100.0)
             self._world.planes.append(Plane(obj.name, obj.X_WM, size, None, obj.kind, obj.where))
