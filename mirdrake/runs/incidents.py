@@ -196,7 +196,7 @@ class Incidents:
         by_pair = {(name, other): touches for name, pairs in touching.items() for other, touches in pairs.items()}
         touches = np.any([*by_pair.values()], axis=0) if by_pair else np.zeros(len(times), dtype=bool)
         name = next(iter(self.vehicles)) if len(self.vehicles) == 1 else "a vehicle"
-        # A contact without an object nearby is one with the ground; the signals do not tell of which vehicle.
+        # A contact without an object nearby is one with the ground; the signals do not identify the vehicle.
         by_pair[name, ""] = (columns.get("other_contacts", np.zeros(len(times))) > 0.0) & ~touches
         # Pairs of earlier blocks that are not near any more still need their end, so they are looked at too.
         for pair in {**self._periods, **by_pair}:
