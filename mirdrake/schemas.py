@@ -24,7 +24,7 @@ class Kind(NamedTuple):
 
     Attributes:
         model: its pydantic model as ``module:Class``.
-        files: name of such files.
+        files: name of such files, or their usual place.
         text: their content.
         head: value of the key ``mirdrake`` in such a file; "" for a format that is recognised by the name of the file.
         reader: function that reads such a file and checks it beyond its model, as ``module:function``.

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 from mirdrake.assembly.diagram import assemble
+from mirdrake.cli import main
 from mirdrake.runs.simulation import Simulation
 from mirdrake.suites import collect_cases
 from mirdrake.vehicles import load_vehicle
@@ -124,3 +126,41 @@ def test_the_python_of_a_page_runs_in_order(page, count, tmp_path, monkeypatch):
         if "import jax" in block and importlib.util.find_spec("jax") is None:
             continue  # optional: mirdrake[jax]
         exec(block, namespace)
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_tutorial_run_in_order(tmp_path, monkeypatch):
+    """Your own car: each command exits with 0; its files are written as the page says."""
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```(sh|yaml|python)\n(.*?)```", (ROOT / "docs" / "own_car.md").read_text("utf-8"), re.DOTALL)
+    assert [kind for kind, _ in blocks] == [
+        "sh",
+        "sh",
+        "sh",
+        "python",
+        "yaml",
+        "yaml",
+        "sh",
+        "python",
+        "yaml",
+        "sh",
+        "sh",
+    ]
+    control = re.compile(r"wheel_speed:\n(?:  .*\n)+")
+    for number, (kind, text) in enumerate(blocks):
+        if kind == "sh":
+            lines = (line.partition("#")[0] for line in text.replace("\\\n", " ").splitlines())
+            words = [shlex.split(line) for line in lines if line.startswith("mirdrake ") and " view " not in line]
+            assert [main(command[1:]) for command in words] == [0] * len(words), text
+        elif text.startswith("wheel_speed:"):
+            path = Path("models/rover/control.yaml")
+            path.write_text(control.sub(text, path.read_text("utf-8")), "utf-8")
+        elif text.startswith("mirdrake:"):
+            Path("rover_speed.yaml").write_text(text, "utf-8")
+        elif text.startswith("systems:"):
+            with Path("diagrams/rover_skidpad.yaml").open("a", encoding="utf-8") as file:
+                file.write(text)
+        elif number == 3:
+            exec(text, {})
+        else:
+            Path("diagrams/my_blocks.py").write_text(text, "utf-8")

@@ -146,7 +146,8 @@ def test_numbers_of_a_format_document_their_unit(kind):
     assert bare == []
 
 
-def test_the_verb_lists_prints_and_writes(tmp_path, capsys):
+def test_the_verb_lists_prints_and_writes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     assert main(["schema"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(KINDS)
     assert main(["schema", "diagram"]) == 0
@@ -155,8 +156,10 @@ def test_the_verb_lists_prints_and_writes(tmp_path, capsys):
     assert main(["schema", "--out", str(tmp_path / "schemas")]) == 0
     assert {path.stem for path in (tmp_path / "schemas").glob("*.json")} == set(KINDS)
     assert (tmp_path / "schemas" / "diagram.json").read_text("utf-8") == printed
-    lines = capsys.readouterr().out.splitlines()
-    assert all("# yaml-language-server: $schema=file:///" in line for line in lines)
+    *lines, _ = capsys.readouterr().out.splitlines()
+    assert [line.partition("# yaml-language-server: $schema=")[2] for line in lines] == [
+        f"schemas/{kind}.json" for kind in KINDS
+    ]
     assert main(["schema", "diagramm"]) == 2
     assert "unknown file format 'diagramm'; did you mean 'diagram'?" in capsys.readouterr().err
 

@@ -5,9 +5,12 @@ import re
 import subprocess
 import sys
 import sysconfig
+import threading
 import tomllib
 import venv
 import zipfile
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -42,8 +45,14 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     here = dict.fromkeys((sysconfig.get_path("purelib"), sysconfig.get_path("platlib")))
     (site / "dependencies.pth").write_text("\n".join(here) + "\n")  # .pth files there are not read: no checkout
     python = folder / "bin" / "python"
-    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", str(wheel)]
-    subprocess.run(command, check=True, capture_output=True)
+    # By a URL, as from a page of releases.
+    serve = partial(SimpleHTTPRequestHandler, directory=str(wheel.parent))
+    with ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"mirdrake @ http://127.0.0.1:{server.server_port}/{wheel.name}"
+        command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-deps", "--no-index", url]
+        subprocess.run(command, check=True, capture_output=True)
+        server.shutdown()
     return python.parent
 
 

@@ -20,7 +20,7 @@ STAGE = ROOT / "build" / "pages"
 """Folder where the pages are collected."""
 
 MENU = {
-    "Tutorials": ("tutorials/*",),
+    "Tutorials": ("own_car", "tutorials/*"),
     "How-to guides": (
         "vehicles", "coming_from_ros_and_gazebo", "diagrams", "python", "driving", "worlds", "world_editor", "tuning",
         "identification", "batch", "learning",

@@ -2,13 +2,14 @@
 
 import argparse
 import json
+import os
 from pathlib import Path
 
 from mirdrake.core.yaml_io import display_path
 
 MORE = """\
 Without a kind it lists the kinds. Editors with the YAML language server (VS Code, Neovim, Emacs) use a schema when
-the first line of a file names it, relative to the file:
+the first line of a file names it, relative to the file. For a file in diagrams/, with schemas/ beside that folder:
   # yaml-language-server: $schema=../schemas/diagram.json
 
 examples:
@@ -41,5 +42,6 @@ def run(options: argparse.Namespace) -> int:
     for name, text in texts.items():
         path = options.out / f"{name}.json"
         write_file(path, text)
-        print(f"{display_path(path)}    # yaml-language-server: $schema={path.resolve().as_uri()}")
+        print(f"{display_path(path)}    # yaml-language-server: $schema={Path(os.path.relpath(path)).as_posix()}")
+    print("the paths are relative to this folder; in a file of a folder below it, begin them with ../")
     return 0
