@@ -199,7 +199,7 @@ def test_tests_of_a_schedule_are_shown_with_their_verdicts(sample: TuningResult)
 
 
 @pytest.mark.parametrize(
-    ("use", "words"), [(0.8, "at most 80%"), (1.2, "1 of 20 runs require more longitudinal force")]
+    ("use", "words"), [(0.8, "at most 80\u00a0%"), (1.2, "1 of 20 runs require more longitudinal force")]
 )
 def test_the_required_grip_and_the_corners_are_reported(
     sample: TuningResult, tmp_path: Path, use: float, words: str
@@ -217,6 +217,7 @@ def test_the_required_grip_and_the_corners_are_reported(
     assert table[0][3] == "Corners failed"
     assert {row[0]: row[3] for row in table[1:]}[sample.best] == "1 of 2"
     assert 'title="mass × 0.80: oscillates"' in text
+    assert "mass 80 to 120\u00a0% of the nominal one; friction 0.3 to 1; delay 0 to 100\u00a0ms" in text
 
 
 def test_a_damaged_table_gives_one_line(sample: TuningResult, tmp_path: Path) -> None:

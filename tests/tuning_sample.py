@@ -135,7 +135,7 @@ def write_sample(
         "Ziegler-Nichols relay PI": ("ziegler_nichols_relay", None, ziegler_nichols_ultimate(*ultimate, "PI")),
         "SIMC": ("simc", 1.0, simc(model)),
         "AMIGO": ("amigo", None, amigo(model, "PI")),
-        "lambda": ("lambda", 0.3, lambda_tuning(model, 0.3, "PI")),
+        "lambda": ("lambda", 0.3, lambda_tuning(model, 0.3)),
         "shaped PI": ("largest_integral_gain", 1.4, maximize_integral_gain(model, max_sensitivity=1.4)),
     }
     designs = [

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from mirdrake.report.tuning_texts import FIGURES, KINDS, Texts, criterion_text
-from mirdrake.report.words import format_quantity, title_case
+from mirdrake.report.words import format_quantity
 from mirdrake.tuning.result import CandidateResult, ScheduleTest
 from mirdrake.tuning.scenarios import describe
 
@@ -166,12 +166,22 @@ class Tables:
             if candidate.on_plant < rate.runs:
                 failed += f", {candidate.on_plant} on the plant"
             rows.append(RobustnessRow(name, failed, interval, bool(rate.failures), self._corners(name), cells))
-        ranges = [
-            f"{title_case(name).lower()} {_number(low)} to {_number(high)}"
-            for name, (low, high) in robustness.ranges.items()
-        ]
+        ranges = [self._range(name, low, high) for name, (low, high) in robustness.ranges.items()]
         figures = [self.texts.figure(name) for name in chosen]
         return RobustnessTable(robustness.runs, "; ".join(ranges), figures, rows, self._grip())
+
+    def _range(self, name: str, low: float, high: float) -> str:
+        """Return the range of a condition, with its unit."""
+        scale, unit = {
+            "mass": (100.0, "\u00a0% of the nominal one"),
+            "friction": (1.0, ""),
+            "delay": (1e3, "\u00a0ms"),
+            "grade": (math.degrees(1.0), "°"),
+            "step": (100.0, "\u00a0% of that of the test"),
+            "noise": (1.0, f"\u00a0{self.texts.y}"),
+        }[name]
+        ends = [f"{scale * end:.3g}".replace("-", "−") for end in (low, high)]
+        return f"{name} {' to '.join(ends)}{unit}"
 
     def _corners(self, name: str) -> tuple[str, str] | None:
         """Return how many corners of the ranges failed, and which; None if they were not tested."""
@@ -196,8 +206,8 @@ class Tables:
                 "their grade and friction: the figures of these runs depend on the car, not on the gains."
             )
         return (
-            f"All runs require at most {use.max():.0%} of the available longitudinal force of the driven tyres: wheels "
-            "that slip do so because of the controller."
+            f"All runs require at most {100.0 * use.max():.0f}\u00a0% of the available longitudinal force of the "
+            "driven tyres: wheels that slip do so because of the controller."
         )
 
     def schedule(self) -> list[tuple[str, list[str]]]:
