@@ -101,7 +101,7 @@ def test_a_user_system_can_replace_the_pedal_controller(tmp_path, monkeypatch):
     """The diagram of docs/powertrain.md, without a speed command."""
     (tmp_path / "my_pedals.py").write_text(
         "from pydrake.systems.framework import LeafSystem\n\n\n"
-        "class Foot(LeafSystem):\n"
+        "class Driver(LeafSystem):\n"
         "    def __init__(self):\n"
         "        super().__init__()\n"
         "        self.DeclareVectorOutputPort('pedals', 3, lambda context, out: out.SetFromVector([0.3, 0.0, 1.0]))\n",

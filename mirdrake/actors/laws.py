@@ -14,7 +14,7 @@ def acceleration(law: int, numbers: Array, speed: float, wanted: float, gap: flo
         law: number of the law.
         numbers: parameters of the behaviour.
         speed: present speed [m/s].
-        wanted: wanted speed [m/s].
+        wanted: desired speed [m/s].
         gap: distance to the object ahead [m]; infinite without one.
         ahead: its speed [m/s].
         dt: time step [s].
@@ -45,7 +45,7 @@ def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -
         law: number of the law.
         numbers: parameters of the behaviour.
         speed: present speed [m/s].
-        wanted: wanted speed [m/s].
+        wanted: desired speed [m/s].
         rest: distance to the end [m].
     """
     if law == follow.LAW:

@@ -38,7 +38,7 @@ class State(NamedTuple):
     begin: float
     """offset at the begin of a lane change [m]"""
     offset: float
-    """wanted offset [m]"""
+    """desired offset [m]"""
     done: float
     """distance since the begin of a lane change [m]"""
     span: float
@@ -52,7 +52,7 @@ class State(NamedTuple):
     side: float
     """signed distance of the subject beyond the gate of its trigger [m]"""
     wanted: float
-    """wanted speed [m/s]"""
+    """desired speed [m/s]"""
     ramp: float
     """rate of the present change of speed, 0: none [m/s^2]"""
     held: float
@@ -122,7 +122,7 @@ def approach(speed: float, wanted: float, rate: float, dt: float) -> tuple[float
     """Return the speed [m/s] and the distance [m] after a change of speed at a rate until it is reached; exact."""
     change = wanted - speed
     needed = abs(change) / rate
-    # The wanted speed is not reached within this step; otherwise the rest of the step is driven at it.
+    # The desired speed is not reached within this step; otherwise the rest of the step is driven at it.
     if needed >= dt:
         after = speed + math.copysign(rate, change) * dt
         return after, 0.5 * (speed + after) * dt

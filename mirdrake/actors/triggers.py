@@ -94,7 +94,7 @@ def act(t: LaneTable, step: Array, now_row: Any, row: Any, speed: float, min_rad
         step: the step.
         now_row: present state of the actor.
         row: its next state; changed.
-        speed: its wanted speed at the start [m/s].
+        speed: its desired speed at the start [m/s].
         min_radius: smallest radius of its path [m].
     """
     action = int(step[ACTION])

@@ -89,7 +89,7 @@ def command_step(
     Args:
         state: what the last step returned; ``CommandState()`` at first.
         speed: set-point of the speed [m/s].
-        steering: wanted bicycle angle [rad].
+        steering: set-point of the bicycle angle [rad].
         stamp: when the message was made [s].
         time: now [s].
         limits: limits and timeout.

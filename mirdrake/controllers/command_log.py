@@ -60,7 +60,7 @@ def read_commands(path: Path, *, vehicle: str | None = None) -> CommandLog:
 
     Args:
         path: a table, a driving log or a run folder.
-        vehicle: vehicle whose commands are wanted, if there are several; the first one's by default.
+        vehicle: vehicle whose commands are read, if there are several; the first one's by default.
 
     Raises:
         ConfigError: there is no such file, or it has faults.

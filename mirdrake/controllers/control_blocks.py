@@ -177,7 +177,7 @@ class AccelerationLimit(ControlBlock):
     """Limits the slope of the speed set-point.
 
     Input ports:
-        reference (1) [m/s]: wanted speed.
+        reference (1) [m/s]: set-point of the speed.
         measured_speed (1) [m/s]: where the set-point starts.
 
     Output ports:
@@ -228,7 +228,7 @@ class SteeringRateLimit(ControlBlock):
     """Limits the steering angle and its rate.
 
     Input ports:
-        reference (1) [rad]: wanted bicycle angle.
+        reference (1) [rad]: set-point of the bicycle angle.
         measured_steering (1) [rad]: where the set-point starts.
 
     Output ports:

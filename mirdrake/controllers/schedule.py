@@ -114,7 +114,7 @@ class ConstantCommand(CommandSchedule):
 
     Args:
         speed: set-point of the speed [m/s].
-        steering: wanted bicycle angle [rad].
+        steering: set-point of the bicycle angle [rad].
         period: time between messages [s].
 
     Raises:

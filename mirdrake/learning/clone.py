@@ -7,7 +7,7 @@
                                           └──────────────── rounds ─────────────────┘ the network has seen
 
 DAgger: S. Ross, G. Gordon, D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret online
-learning", AISTATS 2011. Labels of an unstable drive are large and would dominate: pictures far off the line, and those
+learning", AISTATS 2011. Labels of an unstable drive are large and would dominate: pictures far from the line, and those
 with a label far from the network's command, are left out, and the loss is robust.
 
 Finished steps are in journal.jsonl; a study that was stopped or killed continues after the last one, the training after
@@ -377,7 +377,7 @@ def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingDat
         # The network's command acts `lead` after its picture; the label was read at the same time.
         given = value_at(run.signals, f"{PILOT}.y", at + spec.label_lead)
         lateral = value_at(run.signals, f"{car.vehicle}.lateral_error", at)
-        # Labels far from the command or far off the line belong to an unstable drive and would dominate the loss.
+        # Labels far from the command, or far from the line, belong to an unstable drive and would dominate the loss.
         near = np.abs(labels[rows] - given) < spec.rounds.label
         selected[rows] = near & (np.abs(lateral) < spec.rounds.lateral)
     return data.where(selected)

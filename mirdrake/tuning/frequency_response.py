@@ -89,7 +89,7 @@ def measure_frequency_response(
         loop: adds an excitation [u] to the control for one period and returns the control and one or several
             measurements, see :mod:`mirdrake.tuning.process_models`.
         period: period of the loop [s].
-        frequencies: wanted frequencies [rad/s], below π/period; moved to the nearest multiple of the lowest.
+        frequencies: requested frequencies [rad/s], below π/period; moved to the nearest multiple of the lowest.
         amplitude: root of the sum of the squared amplitudes of the multisine [u].
         cycles: number of cycles of the lowest frequency to average [1].
         settle: cycles before them [1].

@@ -1,4 +1,4 @@
-"""Follow a path at the wanted speed, without regard to others."""
+"""Follow a path at the desired speed, without regard to others."""
 
 from typing import ClassVar, Final, Literal
 
@@ -15,7 +15,7 @@ DECELERATION: Final = 2
 
 
 class Follow(LaneBehaviour):
-    """Follow the path at the wanted speed, without regard to others; stop at its end."""
+    """Follow the path at the desired speed, without regard to others; stop at its end."""
 
     law: ClassVar[int] = LAW
 

@@ -27,7 +27,7 @@ class Walk(LaneBehaviour):
     law: ClassVar[int] = LAW
 
     kind: Literal["walk"] = Field(description="social force with gap acceptance [-]")
-    relaxation: Duration = Field(default=0.5, gt=0.0, le=10.0, description="time to reach the wanted velocity [s]")
+    relaxation: Duration = Field(default=0.5, gt=0.0, le=10.0, description="time to reach the desired velocity [s]")
     strength: float = Field(default=2.1, ge=0.0, le=100.0, description="repulsive potential of others [m²/s²]")
     range: Length = Field(default=0.3, gt=0.0, le=10.0, description="range of the repulsion [m]")
     critical_gap: Duration = Field(

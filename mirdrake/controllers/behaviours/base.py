@@ -42,7 +42,7 @@ class Decision(NamedTuple):
 
     Attributes:
         speed: set-point of the speed [m/s].
-        steering: wanted bicycle angle [rad].
+        steering: set-point of the bicycle angle [rad].
     """
 
     speed: float

@@ -130,7 +130,7 @@ class StraightAndAvoidSpec(BehaviourDriver):
     speed: Speed = Field(
         4.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]; curves and stops are driven slower"
     )
-    clearance: Length = Field(0.5, ge=0.0, description="wanted lateral distance to obstacles [m]")
+    clearance: Length = Field(0.5, ge=0.0, description="desired lateral distance to obstacles [m]")
     distance: Length = Field(1.0, ge=0.0, description="gap in front of the car when it stops [m]")
     lookahead: Length = Field(
         12.0, gt=0.0, description="how far it looks at least [m]; never less than it takes to stop"
