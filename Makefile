@@ -16,10 +16,11 @@ INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --constraint 
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0
 ARGS ?=
 
-.PHONY: help drive test quick test-all times check lint fuzz docs bench clean
+.PHONY: help drive notebooks test quick test-all times check lint fuzz docs bench clean
 
 help:
 	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
+	@echo "make notebooks JupyterLab with the notebooks (ARGS=--no-browser for options)"
 	@echo "make test      the fast tests"
 	@echo "make quick     the tests that take a minute together, for each small change"
 	@echo "make test-all  all tests"
@@ -34,6 +35,10 @@ help:
 
 drive: $(VENV)/ready
 	$(RUN)/mirdrake run bolt_test_track $(ARGS)
+
+# With these settings running the notebooks changes nothing in Git.
+notebooks: $(VENV)/ready-notebooks
+	$(RUN)/jupyter-lab --config=notebooks/jupyter_server_config.py notebooks $(ARGS)
 
 test: $(VENV)/ready-dev
 	$(PYTEST) $(ARGS)
@@ -79,6 +84,10 @@ $(RUN)/pip:
 $(VENV)/ready: pyproject.toml constraints.txt | $(RUN)/pip
 	$(INSTALL) .
 	@touch $@
+
+$(VENV)/ready-notebooks: pyproject.toml constraints.txt | $(RUN)/pip
+	$(INSTALL) '.[drawing,notebook,tuning]' jupyterlab
+	@touch $@ $(VENV)/ready
 
 $(VENV)/ready-dev: pyproject.toml constraints.txt | $(RUN)/pip
 	$(INSTALL) '.[dev]'

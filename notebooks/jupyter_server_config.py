@@ -1,6 +1,7 @@
-"""Settings of JupyterLab in this folder: notebooks that Git tracks are saved without outputs, as they are in Git.
+"""Settings of JupyterLab for ``make notebooks``: notebooks that Git tracks are saved without outputs, as in Git.
 
-Jupyter reads this file if it is started here. Save a notebook under another name to keep its outputs.
+Elsewhere: ``jupyter lab --config=notebooks/jupyter_server_config.py notebooks``. Save a notebook under another name to
+keep its outputs.
 """
 
 import json
