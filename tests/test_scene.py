@@ -155,7 +155,8 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_readers_of_a_run_open_no_model_and_no_world(project: Path, tmp_path: Path) -> None:
     shutil.copytree(project / "moved", tmp_path / "copy")
     run = load_run(tmp_path / "copy")
-    write_recording(run)
+    name = run.summary["diagram"]
+    assert f"<title>{name} · recording</title>" in write_recording(run).read_text(encoding="utf-8")
     assert "Grey: the road" in render_report(run)
     assert main(["replay", str(tmp_path / "copy"), "--out", str(tmp_path / "replay.html")]) == 0
     assert main(["view", str(tmp_path / "copy"), "--out", str(tmp_path / "view.html")]) == 0

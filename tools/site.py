@@ -26,11 +26,11 @@ MENU = {
         "identification", "batch", "learning",
     ),
     "Reference": (
-        "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "manoeuvres", "tuning_reference",
+        "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "ground", "manoeuvres", "tuning_reference",
         "identification_reference", "glossary", "api", "modules", "shipped_vehicles",
     ),
     "Explanation": (
-        "physics", "ground", "tuning_method", "identification_method", "validation", "benchmarks", "security",
+        "physics", "tuning_method", "identification_method", "validation", "benchmarks", "security",
         "architecture",
     ),
     "Project": ("gallery", "changelog", "contributing"),

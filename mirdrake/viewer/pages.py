@@ -1,6 +1,7 @@
 """Additions to HTML pages."""
 
 import base64
+import html
 
 
 def add_to_body(page: str, addition: str) -> str:
@@ -8,6 +9,11 @@ def add_to_body(page: str, addition: str) -> str:
     head, mark, tail = page.rpartition("</body>")
     assert mark, "Meshcat's page has no body"
     return head + addition + mark + tail
+
+
+def with_title(page: str, title: str) -> str:
+    """Return a page of Meshcat with a title of its own."""
+    return page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
 
 
 def data_address(content: bytes, kind: str) -> str:

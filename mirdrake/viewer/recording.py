@@ -21,6 +21,7 @@ from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, cast_shadows, chase, offline_meshcat, place_camera
+from mirdrake.viewer.pages import with_title
 from mirdrake.viewer.player import Motion, with_player
 from mirdrake.viewer.views import View, make_views, with_views
 
@@ -63,7 +64,7 @@ def recording_page(run: Run, *, frames_per_second: float = 20.0) -> str:
     """
     with offline_meshcat(world=run.scene().world) as meshcat:
         draw_run(run, meshcat, frames_per_second=frames_per_second)
-        page = meshcat.StaticHtml()
+        page = with_title(meshcat.StaticHtml(), f"{run.summary.get('diagram', 'run')} · recording")
     return with_player(with_views(page, views_of(run)), _motion(run, next(iter(run.scene().vehicles))))
 
 

@@ -11,6 +11,7 @@ from mirdrake.assembly.scene import Scene
 from mirdrake.core.files import write_file
 from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
+from mirdrake.viewer.pages import with_title
 from mirdrake.viewer.vehicle_view import show_vehicle
 from mirdrake.viewer.views import View, with_views
 from mirdrake.worlds import World
@@ -56,5 +57,5 @@ def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> N
         path: path of the file.
         views: views with buttons in the page.
     """
-    chosen, page = tuple(views), meshcat.StaticHtml()
+    chosen, page = tuple(views), with_title(meshcat.StaticHtml(), path.stem)
     write_file(path, with_views(page, chosen) if chosen else page)

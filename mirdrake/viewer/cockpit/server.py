@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import Any
 
-from mirdrake.viewer.pages import add_to_body
+from mirdrake.viewer.pages import add_to_body, with_title
 from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.server import PageServer
 
@@ -64,4 +64,4 @@ def _page(upstream: Upstream, about: Mapping[str, Any]) -> str:
         f"<style>\n{parts['page.css']}</style>\n{parts['page.html']}"
         f'<script id="about" type="application/json">{data}</script>\n<script>\n{parts["page.js"]}</script>\n'
     )
-    return add_to_body(page, over).replace("<title>Drake MeshCat</title>", "<title>mirdrake drive</title>")
+    return with_title(add_to_body(page, over), "mirdrake drive")
