@@ -1,6 +1,7 @@
 """Examples of the documentation run."""
 
 import importlib.util
+import json
 import re
 import shlex
 import shutil
@@ -52,6 +53,21 @@ def test_links_have_targets(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_container_has_the_system_packages_that_the_pages_name():
+    """In .devcontainer, which no test can start: its packages, and the target of the Makefile that it makes."""
+    text = (ROOT / ".devcontainer" / "devcontainer.json").read_text("utf-8")
+    container = json.loads("\n".join(line for line in text.splitlines() if not line.startswith("//")))
+    named = set()
+    for page in ("README.md", "docs/commands.md"):
+        for packages in re.findall(r"`apt install ([^`]+)`", (ROOT / page).read_text("utf-8")):
+            named |= set(packages.split())
+    assert {"graphviz", "libegl1", "libgl1-mesa-dri", "chromium"} <= named
+    # The image of the container has these.
+    assert named - set(container["onCreateCommand"].split()) <= {"git", "make", "python3-venv"}
+    target = container["postCreateCommand"].removeprefix("make .venv/")
+    assert f"$(VENV)/{target}:" in (ROOT / "Makefile").read_text("utf-8")
 
 
 def _bolt_with(folder: Path, part: dict[str, object]) -> str:
