@@ -33,7 +33,7 @@ from mirdrake.controllers.driver import Driver
 from mirdrake.core.checks import checks_arguments
 from mirdrake.core.errors import ConfigError, MirdrakeError, MissingDependencyError, did_you_mean
 from mirdrake.core.files import write_file
-from mirdrake.core.json_io import Json
+from mirdrake.core.json_io import Json, plain_data
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.paths import find
 from mirdrake.core.signals import signals_of
@@ -479,7 +479,7 @@ class Diagram:
         for name, factory in self._factories.items():
             if factory.unwritable:
                 raise ConfigError(f"to_yaml: block '{name}' cannot be written: {factory.unwritable}")
-        data = _plain(self._data)
+        data = plain_data(self._data)
         text = self._edited(data, None if path is None else Path(path))
         if text is None:
             text = rewrite("", {}, data)
@@ -685,12 +685,3 @@ def _data_of(text: str, path: Path) -> Json:
     if "name" not in parse_tree(text, display_path(path))[0]:
         del data["name"]
     return data
-
-
-def _plain(value: Any) -> Any:
-    """Return data with lists for tuples and texts for names, as YAML has them."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value if isinstance(value, bool | int | float | str) or value is None else str(value)

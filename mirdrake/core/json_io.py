@@ -1,6 +1,8 @@
-"""JSON objects, and a reader of JSON files that a user may have edited."""
+"""JSON objects, plain data for JSON and YAML, and a reader of JSON files that a user may have edited."""
 
 import json
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -30,6 +32,35 @@ def parse_json(text: str) -> Any:
 
 def _whole_number(text: str) -> float:
     return int(text) if len(text) <= _MOST_DIGITS else float(text)
+
+
+def plain_data(value: Any, real: Callable[[float], Any] = float) -> Any:
+    """Return data of mappings, lists, numbers and texts, as JSON and YAML have them; other objects become texts.
+
+    Args:
+        value: numbers of NumPy become those of Python; arrays, tuples and sets become lists.
+        real: conversion of each float, e.g. :func:`finite_or_none`.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain_data(item, real) for key, item in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [plain_data(item, real) for item in value]
+    if isinstance(value, float):
+        return real(value)
+    return value if isinstance(value, bool | int | str) or value is None else str(value)
+
+
+def finite_or_none(value: Any) -> float | None:
+    """Return a number as a float, or None if it is infinite or missing: JSON has neither infinity nor NaN."""
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def finite_or_text(number: float) -> float | str | None:
+    """Return a number; an infinite one as text, a missing one as None."""
+    return str(number) if math.isinf(number) else finite_or_none(number)
 
 
 def read_record(kind: type[_Record], data: object, place: str) -> _Record:

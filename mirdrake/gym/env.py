@@ -16,8 +16,9 @@ from mirdrake.assembly.diagram import DiagramSpec, assemble, load_diagram, make_
 from mirdrake.assembly.diagram_spec import SystemEntry
 from mirdrake.assembly.wiring import JOIN
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import finite_or_none
 from mirdrake.core.leaf_system import weak_callback
-from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function, finite
+from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function
 from mirdrake.gym.readings import Readings, check_bounds, steering_limit, top_speed
 from mirdrake.plant.plant import set_start
 from mirdrake.plant.powertrain import PEDALS
@@ -209,7 +210,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             return self._observation(diverged=True), 0.0, True, truncated, info
         # Rewards and ends see the same moment, which is evaluated once.
         moment = Moment(info["time"], self.period, values, self.vehicle, self.readings, self._context)
-        reward = finite(self.reward(moment))
+        reward = finite_or_none(self.reward(moment))
         if reward is None:
             info["bad_reward"] = True
         for name, end in self.ends:

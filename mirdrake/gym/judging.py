@@ -14,7 +14,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import cos, isfinite, pi
+from math import cos, pi
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -142,9 +142,3 @@ def find_function(
         return load_user_function(given, folder=folder)  # type: ignore[return-value]
     except ConfigError as error:
         raise ConfigError(f"{what} '{given}': {error}") from None
-
-
-def finite(value: Any) -> float | None:
-    """Return a reward as a float; None if it is not finite."""
-    number = float(value)
-    return number if isfinite(number) else None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
-from mirdrake.core.json_io import Json, parse_json
+from mirdrake.core.json_io import Json, finite_or_none, parse_json, plain_data
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "weakly identified", "not identifiable", "contradicts the given value", "fixed"]
@@ -213,7 +213,7 @@ class Fit:
         # Arrays and nested data classes become plain lists; NaN and infinity, which JSON does not have, become null.
         content["correlation"] = self.correlation.tolist()
         content["versions"] = dict(self.versions)
-        text = json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(plain_data(content, finite_or_none), indent=1, ensure_ascii=False, allow_nan=False)
         write_file(folder / "fit.json", (text + "\n").encode())
         return folder
 
@@ -263,26 +263,13 @@ def _apart(table: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
     return tables
 
 
-def _plain(value: Any) -> Any:
-    """Return plain JSON data, in which infinite and missing numbers are null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def half_width(sigma: float | None) -> str:
     """Return half of a 95 % interval for a standard deviation; empty without one."""
     return _number(None if sigma is None else 1.96 * sigma, "", 2)
 
 
 def _channel_fit(content: Mapping[str, Any]) -> ChannelFit:
-    """Inverse of :func:`_plain` for a channel: null becomes NaN."""
+    """Return a channel from its plain data: null becomes NaN."""
     numbers = {name: math.nan for name in ("nrmse_percent", "noise_limit_percent", "rms") if content[name] is None}
     return ChannelFit(**{**content, **numbers})
 

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import MirdrakeError, RunError
 from mirdrake.core.files import write_file
+from mirdrake.core.json_io import plain_data
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, own_track
 from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
@@ -118,7 +119,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
             for event in events[:_MOST_EVENTS]
         ],
         more_events=max(0, len(events) - _MOST_EVENTS),
-        spec_yaml=yaml.safe_dump(_plain(spec), sort_keys=False, allow_unicode=True, width=100) if spec else "",
+        spec_yaml=yaml.safe_dump(plain_data(spec), sort_keys=False, allow_unicode=True, width=100) if spec else "",
         facts=_facts(spec, summary),
         marked=bool(_marks(run)),
         diagram=diagram,
@@ -367,14 +368,3 @@ def _number(value: Any, otherwise: float = math.nan) -> float:
         return float(value)
     except (TypeError, ValueError):
         return otherwise
-
-
-def _plain(value: Any) -> Any:
-    """Return data that YAML can write; other objects become texts."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | set | np.ndarray):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    return value if isinstance(value, str | int | float | bool | None) else str(value)

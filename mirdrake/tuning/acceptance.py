@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from mirdrake.core.json_io import finite_or_none
 from mirdrake.tuning.robustness import MonteCarlo
 from mirdrake.tuning.selection import Verification
 from mirdrake.tuning.spec import breaks_limit, printed
 from mirdrake.tuning.stages import Candidate
-from mirdrake.tuning.trials import finite
 
 AGAINST_BASELINE = ("cheaper_than_baseline", "cheaper_in_runs")
 """Criteria that compare with the baseline."""
@@ -104,7 +104,7 @@ def accept(
     before, after = baseline.trial.cost, winner.trial.cost
     # Costs are compared as printed: a difference that no report shows is not an improvement.
     met = winner.name != baseline.name and printed(after) < printed(before)
-    criteria = [Criterion("cheaper_than_baseline", finite(after), before, met)]
+    criteria = [Criterion("cheaper_than_baseline", finite_or_none(after), before, met)]
 
     # One nominal test may favour a candidate by chance; the median ratio over the Monte Carlo must agree.
     ratio = monte_carlo.median_ratio(winner.name, baseline.name, cost) if monte_carlo is not None else None
@@ -112,7 +112,8 @@ def accept(
         criteria.append(Criterion("cheaper_in_runs", ratio, 1.0, printed(ratio) < 1.0))
     for name, limit in constraints.items():
         value = winner.trial.figures.get(name, math.nan)
-        criteria.append(Criterion("constraint", finite(value), limit, not breaks_limit(name, value, limit), name))
+        met = not breaks_limit(name, value, limit)
+        criteria.append(Criterion("constraint", finite_or_none(value), limit, met, name))
     if monte_carlo is not None:
         failures = monte_carlo.failures(winner.name).failures
         criteria.append(Criterion("monte_carlo", float(failures), 0.0, failures == 0))
@@ -139,5 +140,5 @@ def accept(
         median = monte_carlo.median_ratio(winner.name, rule.name, cost) if monte_carlo is not None else None
         value, limit = (after, rule.trial.cost) if median is None else (median, 1.0)
         met = feasible and printed(value) <= printed(limit)
-        criteria.append(Criterion("no_dearer_than_rule", finite(value), limit, met, rule=rule.name))
+        criteria.append(Criterion("no_dearer_than_rule", finite_or_none(value), limit, met, rule=rule.name))
     return tuple(criteria)

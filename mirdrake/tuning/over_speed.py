@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
+from mirdrake.core.json_io import finite_or_none
 from mirdrake.tuning.acceptance import Criterion
 from mirdrake.tuning.designs import Design, rounded
 from mirdrake.tuning.identify import identify_loop
@@ -23,7 +24,6 @@ from mirdrake.tuning.result import Schedule, ScheduleRow, ScheduleTest
 from mirdrake.tuning.search_range import Range, Space
 from mirdrake.tuning.space import inside, space_around
 from mirdrake.tuning.stages import Candidate, Stages
-from mirdrake.tuning.trials import finite
 from mirdrake.vehicles.joint_control import GainTable
 
 
@@ -122,7 +122,7 @@ def _test(stages: Stages, table: GainTable, winner: Candidate) -> tuple[Schedule
         ):
             trial = stages.candidate(Design(name, "scheduled", values), evaluation).trial
             place: Literal["tuned", "between"] = "tuned" if speed in table.speeds else "between"
-            cost = finite(trial.cost)
+            cost = finite_or_none(trial.cost)
             tests.append(ScheduleTest(speed, name, place, values, trial.status, cost, trial.feasible, trial.reason))
         # Two candidates at each of the n speeds and the n - 1 between them.
         stages.progress("schedule", len(tests), 2 * (2 * len(table.speeds) - 1), math.nan)

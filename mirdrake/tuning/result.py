@@ -11,7 +11,6 @@ monte_carlo.parquet candidate, run, conditions, figures, status, reason
 """
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -22,7 +21,7 @@ import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import write_errors, write_file
-from mirdrake.core.json_io import Json, parse_json, read_record
+from mirdrake.core.json_io import Json, finite_or_text, parse_json, plain_data, read_record
 from mirdrake.core.yaml_io import display_path, read_text
 from mirdrake.tuning.acceptance import AGAINST_BASELINE, Criterion, StepEffect
 from mirdrake.tuning.confirm import MarginCheck
@@ -243,7 +242,8 @@ def result_text(result: TuningResult) -> str:
     """Return the text of tuning.json."""
     content = asdict(result)
     del content["folder"]
-    return json.dumps(plain({"mirdrake": FORMAT, **content}), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    data = plain_data({"mirdrake": FORMAT, **content}, finite_or_text)
+    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def read_result(folder: Path | str) -> TuningResult:
@@ -273,21 +273,3 @@ def read_result(folder: Path | str) -> TuningResult:
     if not isinstance(data, dict) or given != FORMAT:
         raise ConfigError(f"{place}: mirdrake: is {given!r}; '{FORMAT}' is expected")
     return read_record(TuningResult, {**data, "folder": folder}, place)
-
-
-def plain(value: object) -> object:
-    """Return data for JSON: infinite numbers as text, nan as null, numbers of NumPy as those of Python."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, bool | str) or value is None:
-        # Before numbers: bool is a subclass of int.
-        return value
-    # Numbers of NumPy become those of Python.
-    if hasattr(value, "item"):
-        value = value.item()
-    # JSON has neither infinity nor NaN.
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None if math.isnan(value) else str(value)
-    return value if isinstance(value, int | bool | str) else str(value)

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import finite_or_none
 from mirdrake.studies.fronts import find_knee, pareto_front
 from mirdrake.studies.optimise import Point
 from mirdrake.tuning.loops.base import Conditions, Evaluation, Status
@@ -83,7 +84,7 @@ class Trial:
             return (Rejection("test", reason=self.reason),)
         values = {name: self.figures.get(name, math.nan) for name in constraints}
         return tuple(
-            Rejection("constraint", name, finite(values[name]), limit)
+            Rejection("constraint", name, finite_or_none(values[name]), limit)
             for name, limit in constraints.items()
             if breaks_limit(name, values[name], limit)
         )
@@ -205,8 +206,3 @@ def _excess(name: str, value: float, limit: float) -> float:
     if math.isnan(excess):
         return BROKEN
     return min(excess / (abs(limit) or 1.0), BROKEN)
-
-
-def finite(value: float) -> float | None:
-    """Return a number, or None if it is not finite."""
-    return float(value) if math.isfinite(value) else None

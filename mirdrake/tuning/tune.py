@@ -30,6 +30,7 @@ from mirdrake.assembly.scene import make_scene
 from mirdrake.core.digest import digest, digest_data
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_errors, write_file
+from mirdrake.core.json_io import finite_or_none, finite_or_text, plain_data
 from mirdrake.core.paths import installed_version
 from mirdrake.execution.calls import open_executor
 from mirdrake.execution.worker_server import LOOP, start_server
@@ -42,7 +43,7 @@ from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
-from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, plain, read_result, write_result
+from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, read_result, write_result
 from mirdrake.tuning.robustness import CornerTest
 from mirdrake.tuning.scenarios import corners
 from mirdrake.tuning.search_range import Space
@@ -59,7 +60,7 @@ from mirdrake.tuning.space import inside, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.tuning.stages import LIMIT, Candidate, Progress, Stages, StoppedError, at_finer_step
 from mirdrake.tuning.tables import frequency_table, responses_table, trials_table, with_grip
-from mirdrake.tuning.trials import Trial, Trials, finite
+from mirdrake.tuning.trials import Trial, Trials
 
 STUDY = "study.json"
 
@@ -167,7 +168,8 @@ def study_key(spec: TuningSpec, loop: LoopSpec) -> str:
     """
     # The spec names vehicle and world only: evaluations before and after a change of their files must not be mixed.
     content = scene_hashes(make_scene(make_spec(loop.diagram))) | user_sources(loop.diagram)
-    return digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop), "content": content}))
+    study = {"study": spec.model_dump(mode="json"), "loop": asdict(loop), "content": content}
+    return digest_data(plain_data(study, finite_or_text))
 
 
 def user_sources(diagram: Any) -> dict[str, str]:
@@ -277,7 +279,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         name=stages.spec.name,
         vehicle=stages.loop.diagram["vehicles"][stages.loop.vehicle]["model"],
         spec=data,
-        spec_sha256=digest_data(plain(data)),
+        spec_sha256=digest_data(plain_data(data, finite_or_text)),
         seed=stages.spec.seed,
         versions={
             "mirdrake": installed_version("mirdrake") or "",
@@ -401,7 +403,7 @@ def _candidate_result(stages: Stages, known: Knowledge, candidate: Candidate) ->
     claimed = _with_claimed_margins(candidate, known).trial.figures
     return CandidateResult(
         design.name, design.kind, design.gains or stages.loop.present, trial.status, _defined(claimed),
-        finite(trial.cost), trial.feasible, design.rule, design.parameter, trial.reason, rejections,
+        finite_or_none(trial.cost), trial.feasible, design.rule, design.parameter, trial.reason, rejections,
         () if check is None else check.margins,
     )  # fmt: skip
 

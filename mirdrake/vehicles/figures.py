@@ -1,11 +1,10 @@
 """Results of the inspection of a vehicle, as plain data; :mod:`mirdrake.vehicles.inspection` computes them."""
 
-import math
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any, cast
+from typing import cast
 
-from mirdrake.core.json_io import Json
+from mirdrake.core.json_io import Json, finite_or_none, plain_data
 
 
 class JointRole(StrEnum):
@@ -222,12 +221,4 @@ class Inspection:
 
     def to_dict(self) -> Json:
         """Plain data, for JSON; what is not finite becomes None."""
-        return cast(Json, _finite(asdict(self)))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
+        return cast(Json, plain_data(asdict(self), finite_or_none))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mirdrake.core.json_io import Json
+from mirdrake.core.json_io import Json, finite_or_none
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.mounts import SensorsSpec
@@ -26,7 +26,7 @@ def vehicle_data(vehicle: Vehicle) -> Data:
         "spec": vehicle.spec.model_dump(mode="json"),
         "control": vehicle.control.model_dump(mode="json"),
         "sensors": vehicle.sensors.model_dump(mode="json"),
-        "geometry": {key: value if math.isfinite(value) else None for key, value in vars(vehicle.geometry).items()},
+        "geometry": {key: finite_or_none(value) for key, value in vars(vehicle.geometry).items()},
         "spring_loads": list(vehicle.spring_loads),
     }
 
