@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -22,7 +23,12 @@ from mirdrake.worlds.props import Solid, load_prop
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 BLOCK = Volume((Slab(SQUARE, 0.1, 1.5),), 0.1)
-BOLT = volume_of(load_vehicle("bolt"))
+
+
+@cache
+def bolt() -> Volume:
+    """Return the volume of the Bolt."""
+    return volume_of(load_vehicle("bolt"))
 
 
 def place(*solids: tuple[Any, RigidTransform], x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> PlacedProp:
@@ -96,7 +102,7 @@ STEP = place(box((4.0, 0.3, 0.30), (0.0, 0.0, 0.0)))
 )
 def test_only_objects_within_reach_of_the_vehicle_count(prop: PlacedProp, y: float, expected: float) -> None:
     for x in (-1.3, -0.9):
-        assert float(clearance(BOLT, at(x, y), [prop])[0]) == pytest.approx(expected, abs=2e-3)
+        assert float(clearance(bolt(), at(x, y), [prop])[0]) == pytest.approx(expected, abs=2e-3)
 
 
 def test_a_volume_begins_where_wheels_roll_over_a_step() -> None:
@@ -164,9 +170,9 @@ def test_distance_and_depth_agree_with_brute_force_on_random_props(seeds: range)
     for seed in seeds:
         rng = np.random.default_rng(seed)
         prop, pose = _random_prop(rng), rng.uniform([-4, -4, -3], [4, 4, 3])[None]
-        measured_distance = float(clearance(BOLT, pose, [prop])[0])
+        measured_distance = float(clearance(bolt(), pose, [prop])[0])
         car = [(shapely.Polygon(place_outline(slab.outline, pose)[0]), shapely.union_all(layers))
-               for slab in BOLT.slabs if (layers := _layers(prop, slab.low + 1e-6, slab.high - 1e-6))]  # fmt: skip
+               for slab in bolt().slabs if (layers := _layers(prop, slab.low + 1e-6, slab.high - 1e-6))]  # fmt: skip
         if not car:
             assert measured_distance == math.inf
             continue
@@ -191,7 +197,7 @@ def test_distance_and_depth_agree_with_brute_force_on_random_props(seeds: range)
 def test_vehicles_count_each_with_its_own_shape_where_it_is_at_the_time() -> None:
     mine = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.5], [0, 0, 0]], dtype=float)
     theirs = np.array([[0, 2.0, 0], [10, 0, math.pi], [0, 1.0, 0.5], [math.nan, 0, 0]], dtype=float)
-    distance = clearance_between(BOLT, mine, BOLT, theirs)
+    distance = clearance_between(bolt(), mine, bolt(), theirs)
     front = 2.601 / 2 + 2.085
     across = abs(-math.sin(0.5) * 0.0 + math.cos(0.5) * 1.0)
     expected = [2.0 - 2.0 * HALF, 10.0 - 2.0 * front, -(2.0 * HALF - across), math.inf]
@@ -209,12 +215,12 @@ def test_the_clearance_of_two_vehicles_is_that_of_their_nearest_pair_of_slabs() 
         shapely.distance(
             shapely.polygons(place_outline(a.outline, mine)), shapely.polygons(place_outline(b.outline, theirs))
         )
-        for a in BOLT.slabs
-        for b in BOLT.slabs
+        for a in bolt().slabs
+        for b in bolt().slabs
         if min(a.high, b.high) > max(a.low, b.low) + 1e-9
     ]
     nearest = np.min(pairs, axis=0)
-    found = clearance_between(BOLT, mine, BOLT, theirs, rows=np.arange(50))
+    found = clearance_between(bolt(), mine, bolt(), theirs, rows=np.arange(50))
     apart = nearest[:50] > 0.0
     assert 20 < apart.sum() < 50
     # The same bits: pairs are only left out where they cannot be nearer.

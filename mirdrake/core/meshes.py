@@ -51,6 +51,13 @@ def srgb_to_linear(srgb: Array) -> Array:
     return result
 
 
+def linear_to_srgb(linear: Array) -> Array:
+    """Return sRGB values of linear light from 0 to 1 (IEC 61966-2-1)."""
+    c = np.clip(linear, 0.0, 1.0)
+    result: Array = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1.0 / 2.4) - 0.055)
+    return result
+
+
 def pbr_material(
     color: Sequence[float], *, roughness: float, metallic: float = 0.0, texture: int | None = None
 ) -> Json:

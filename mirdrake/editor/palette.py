@@ -31,7 +31,7 @@ _AZIMUTH, _ELEVATION = np.radians(-38.0), np.radians(24.0)  # of the viewer: fro
 _LIGHT = np.array([0.35, -0.30, 0.89])  # towards the sun, in W
 _MARGIN = 1.06
 _GREY = (0.62, 0.66, 0.70)
-_VERSION = b"1"  # of the pictures in the cache of the user
+_VERSION = b"2"  # of the pictures in the cache of the user
 
 
 def palette(world: World) -> list[dict[str, str]]:

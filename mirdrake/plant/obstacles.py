@@ -30,6 +30,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
+from mirdrake.core.meshes import srgb_to_linear
 from mirdrake.ground import Terrain
 from mirdrake.ground.terrain import Grid
 from mirdrake.worlds import PlacedProp, Prop, World
@@ -202,7 +203,7 @@ def _painted(path: Path, material: str, color: Color) -> InMemoryMesh:
     for entry in data.get("materials", ()):
         if entry.get("name") == material:
             shading = entry.setdefault("pbrMetallicRoughness", {})
-            shading["baseColorFactor"] = [component**2.2 for component in color] + [1.0]  # sRGB to linear
+            shading["baseColorFactor"] = [*srgb_to_linear(np.array(color)).tolist(), 1.0]
     # Buffers beside the file are not in its text; Drake needs them as supporting files.
     uris = [item["uri"] for key in ("buffers", "images") for item in data.get(key, ()) if "uri" in item]
     beside = {uri: path.parent / uri for uri in uris if not uri.startswith("data:")}

@@ -7,14 +7,17 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from PIL import Image
+from trimesh.visual.material import PBRMaterial
+
+from mirdrake.core.meshes import linear_to_srgb
 
 Array = NDArray[np.float64]
 
 _UPRIGHT = np.array(
     [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
 )  # glTF has y up (glTF 2.0 specification, section 3.4)
-_AT_ONCE = 1_500_000  # pixels that are looked at together
-_FINER = 2  # pixels drawn for one that is kept, each way
+_AT_ONCE = 1_500_000  # pixels processed together
+_FINER = 2  # pixels drawn for one of the picture, in each direction
 
 
 def draw_triangles(
@@ -66,14 +69,12 @@ def read_triangles(path: Path, colour: Sequence[float]) -> list[tuple[Array, NDA
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
             continue
         points = np.asarray(part.vertices) @ (_UPRIGHT.T if upright else np.eye(3))
-        colours = _face_colours(part, colour)
-        # glTF stores linear light; the drawing is in sRGB, approximated by gamma 2.2.
-        surfaces.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
+        surfaces.append((points, np.asarray(part.faces), _face_colours(part, colour)))
     return surfaces
 
 
 def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
-    """Return colours (n, 3) of the faces, 0 .. 1: of the texture, of the material, or the given one."""
+    """Return sRGB colours (n, 3) of the faces, 0 .. 1: of the texture, of the material, or the given one."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.tile(colour, (len(part.faces), 1))
@@ -82,7 +83,10 @@ def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
         of_vertices = np.asarray(part.visual.to_color().vertex_colors)[:, :3] / 255.0
         mean: Array = of_vertices[part.faces].mean(axis=1)
         return mean
-    return np.tile(np.asarray(material.main_color)[:3] / 255.0, (len(part.faces), 1))
+    color = np.asarray(material.main_color)[:3] / 255.0
+    # Factors of glTF are linear light; its textures are sRGB.
+    color = linear_to_srgb(color) if isinstance(material, PBRMaterial) else color
+    return np.tile(color, (len(part.faces), 1))
 
 
 def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: NDArray[np.uint8]) -> None:

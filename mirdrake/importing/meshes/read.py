@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
+from mirdrake.core.meshes import linear_to_srgb
 from mirdrake.importing.changes import Change, Code
 
 Array = NDArray[np.float64]
@@ -455,19 +456,13 @@ def _trimesh_material(given: Any) -> Material:
         picture = given.baseColorTexture
         picture = None if picture is None else _plain(picture, alpha=not opaque)
         glow = np.zeros(3) if given.emissiveFactor is None else np.asarray(given.emissiveFactor, dtype=float)[:3]
-        color = (*to_srgb(rgba[:3]), 1.0 if opaque else float(rgba[3]))
-        return Material(name, color, picture, to_srgb(glow))  # type: ignore[arg-type]
+        color = (*linear_to_srgb(rgba[:3]).tolist(), 1.0 if opaque else float(rgba[3]))
+        return Material(name, color, picture, tuple(linear_to_srgb(glow).tolist()))
     rgba = np.asarray(given.diffuse, dtype=float) / 255.0
     picture = getattr(given, "image", None)
     if picture is not None:
         return Material(name, (1.0, 1.0, 1.0, float(rgba[3])), _plain(picture, alpha=True))
     return Material(name, tuple(rgba.tolist()))
-
-
-def to_srgb(linear: Sequence[float] | Array) -> tuple[float, ...]:
-    """Convert linear light to sRGB (IEC 61966-2-1)."""
-    c = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
-    return tuple(np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055).tolist())
 
 
 def _read_dae(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
