@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import finite_or_none
 from mirdrake.core.pid import PidGains, PidLimits
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning import (
@@ -43,7 +44,7 @@ from mirdrake.tuning.search import search
 from mirdrake.tuning.spec import MARGINS
 from mirdrake.tuning.stages import Candidate
 from mirdrake.tuning.tables import responses_table
-from mirdrake.tuning.trials import finite, make_trial
+from mirdrake.tuning.trials import make_trial
 
 TRUE = FirstOrder(2.0, 1.0, 0.05)
 PERIOD, DURATION, STEP = 0.01, 4.0, 3.0
@@ -203,7 +204,7 @@ def write_sample(
             CandidateResult(
                 candidate.name, candidate.design.kind, candidate.design.gains, candidate.trial.status,
                 {name: value for name, value in candidate.trial.figures.items() if not math.isnan(value)},
-                finite(candidate.trial.cost), candidate.trial.feasible, candidate.design.rule,
+                finite_or_none(candidate.trial.cost), candidate.trial.feasible, candidate.design.rule,
                 candidate.design.parameter, candidate.trial.reason, candidate.trial.rejections(CONSTRAINTS),
             )
             for candidate in tried
