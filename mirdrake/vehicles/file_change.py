@@ -62,7 +62,7 @@ class FileChange:
 def change_file(
     path: Path, edits: Sequence[Edit], *, check: Callable[[str], None], notes: Sequence[str] = ()
 ) -> FileChange:
-    """Return the edits on a YAML file, not yet written.
+    """Return the change of a YAML file by edits; the file is not written.
 
     Args:
         path: the file.
@@ -89,5 +89,5 @@ def change_file(
     try:
         check(after)
     except ConfigError as error:
-        raise ConfigError(f"{error}\n{name}: is left as it is; with these values it would not load") from None
+        raise ConfigError(f"{error}\n{name}: is left unchanged; it would not load with these values") from None
     return FileChange(path, before, after, tuple(notes))

@@ -307,7 +307,7 @@ def check_actuators(
         warnings: warnings of Drake's parser, which may give the reason.
 
     Raises:
-        ModelError: none, or several.
+        ModelError: a joint has none or several.
     """
     actuated = [plant.get_joint_actuator(index).joint().name() for index in plant.GetJointActuatorIndices()]
     for name in (*spec.joints.wheels.names(), *spec.joints.steering.names()):

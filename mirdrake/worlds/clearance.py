@@ -233,7 +233,7 @@ def clearance_between(
     pairs = [
         (a, b) for a in first for b in second if min(a.slab.high, b.slab.high) - max(a.slab.low, b.slab.low) > _REACH
     ]
-    # The largest pair first: beside it most of the others cannot be nearer, by the circles around them.
+    # The largest pair first: most of the other pairs then cannot be nearer, as the circles around them show.
     nearest = np.full(index.size, math.inf)
     for a, b in sorted(pairs, key=lambda pair: -pair[0].radius - pair[1].radius):
         apart = np.hypot(*(a.middle - b.middle).T) - a.radius - b.radius - _SPARE

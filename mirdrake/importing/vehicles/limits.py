@@ -158,7 +158,7 @@ def collect_numbers(
         roles: roles of the joints.
         limit: limit of the steering.
         estimates: estimates for the whole car.
-        tyres: the same with the radius and width of the front and of the rear wheels.
+        tyres: estimates with the radius and width of the front and of the rear wheels.
     """
     changes = Changes()
     numbers = {"steering_limit": limit}
@@ -171,7 +171,7 @@ def collect_numbers(
         matching = [item for item in stated if item.figure == figure]
         return [(item.value * scale, f"plugin, {item.where}") for item in matching]
 
-    # Joints and plugins side by side.
+    # Limits that plugins state come before those of the joints.
     effort = estimates.steering_effort
     rates = [(joint.limits.velocity, joint.where) for joint in steering]
     efforts = [(joint.limits.effort, joint.where) for joint in steering]
@@ -192,8 +192,8 @@ def collect_numbers(
     ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
     if ratio is not None:
         numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
-    # A source that states a torque or a lower speed limits the power as well.
-    # As estimates do it: full torque up to a part of the top speed.
+    # A torque or a lower speed limit of the source limits the power, too: full torque up to a part of the top speed, as
+    # in the estimates.
     top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
     limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
     power = numbers["max_torque"].value * top * POWER_SHARE if limited else estimates.max_power
