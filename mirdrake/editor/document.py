@@ -112,7 +112,7 @@ class Document:
         """Write the file, completely or not at all, with the mode that it had.
 
         Args:
-            overwrite: also if another program changed the file.
+            overwrite: write the file even if another program has changed it.
 
         Raises:
             RunError: the file is open in another editor, was changed by another program, or cannot be written.

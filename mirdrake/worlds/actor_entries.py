@@ -25,7 +25,7 @@ def split_condition(text: str) -> tuple[str, str] | None:
 
 
 def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Source, tuple[int, ...]]:
-    """Return an entry without expressions for each actor, the source with their lines, and the index of each one's entry.
+    """Return an entry without expressions for each actor, the source with its lines, and the index of its origin.
 
     An entry with `along` becomes several actors: ``name_0``, ``name_1``, ... Actors without a name have that of their
     prop and their number among these.

@@ -24,7 +24,7 @@ TOUCH = 1e-4
 
 
 def first_contacts(volume: Volume, poses: Array, other: Volume, other_poses: Array) -> Array:
-    """Return when two moving volumes first touch since the sample before (n): the share of that time, inf: not.
+    """Return when two moving volumes first touch in each step (n): the fraction of the step, inf without contact.
 
     Args:
         volume: volume of the first object.

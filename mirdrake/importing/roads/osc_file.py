@@ -146,7 +146,7 @@ class Scenario:
 
 
 def _entity(name: str, element: Element | None, entry: str, catalogue: str) -> Entity:
-    """Return an entity; without its entry in a catalogue, kind and size are those of its name there."""
+    """Return an entity; if no catalogue has its entry, kind and size are guessed from the names."""
     words = f"{catalogue} {entry}".lower()
     guess = next((kind for kind in _PROPS if kind in words), "object" if "misc" in words else "car")
     # A usual car, whose reference point is at the rear axle.

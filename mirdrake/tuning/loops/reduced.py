@@ -47,7 +47,7 @@ def loop_plants(spec: LoopSpec) -> dict[str, TransferFunction]:
 
 
 def outer_factor(model: LoopModel, kp: float, ki: float) -> TransferFunction:
-    """Return the factor on the transfer functions of a model that its controller sees.
+    """Return the factor of an outer speed loop on the transfer functions of a model, as the inner controller sees them.
 
     With the speed loop D = kp + ki / s around it, the controller gets r + D (r - y) - x, with the output y and the
     measurement x: the factor is that of x + D y.
