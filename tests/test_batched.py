@@ -210,3 +210,23 @@ def test_the_rate_per_core():
         cars.step(inputs_of(RICH), 100)
         rates.append(4096 * 100 / (time.process_time() - began))
     assert max(rates) >= 2.0e6
+
+
+_START = """
+import time
+import mirdrake as mir
+from mirdrake.single_track.dynamics import Variant
+from tests.batch_rigs import CAR
+mir.batch(CAR, Variant("brush"), count=10).reset(vx=20.0).step([0.02, 0.0, 0.0])
+print(time.process_time())
+"""
+
+
+@pytest.mark.slow
+def test_a_process_steps_within_a_second_of_its_start():
+    """Kept machine code; processor time, which includes the start of Python."""
+    seconds = []
+    for _ in range(3):
+        done = subprocess.run([sys.executable, "-c", _START], capture_output=True, text=True, check=True)
+        seconds.append(float(done.stdout))
+    assert min(seconds[1:]) < 1.0

@@ -1,5 +1,6 @@
 """Control units in a batch: the Drake diagram of the same model, gains, delay, watchdog, noise, errors."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from mirdrake.batched import BatchControl, PathDriver
 from mirdrake.batched.noise import normal
 from mirdrake.controllers import PathGains, PathTracker
 from mirdrake.core.errors import ConfigError
-from mirdrake.single_track import estimate_parameters, make_single_track_vehicle
+from mirdrake.single_track import SingleTrackControl, estimate_parameters, make_single_track_vehicle
 from mirdrake.single_track.dynamics import Variant
+from mirdrake.tuning.loops.base import Course
+from mirdrake.tuning.loops.judge import judge
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.joint_control.pid import WheelPid
 from mirdrake.worlds import load_world
@@ -48,14 +51,14 @@ def course(duration):
     return np.column_stack([speed, 0.1 * np.sin(0.3 * t)])
 
 
-def drive_in_drake(bolt, parameters, commands, delay):
-    """Return the position, speed and yaw rate at the control instants, with Drake's integrator."""
+def drive_in_drake(bolt, parameters, commands, delay, step=STEP):
+    """Return position, speed, yaw rate, set-point and trim of the speed at the control instants, by Drake."""
     diagram = make_single_track_vehicle(bolt, tyres="brush", relaxation=True, parameters=parameters, delay=delay)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     model = diagram.GetSubsystemByName("single_track")
     model.set_state(model.GetMyContextFromRoot(context), vx=5.0)
-    ResetIntegratorFromFlags(simulator, "runge_kutta3", STEP)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     command, state = diagram.GetInputPort("command"), diagram.GetOutputPort("state")
     rows = []
@@ -63,19 +66,23 @@ def drive_in_drake(bolt, parameters, commands, delay):
         command.FixValue(context, [*row, k * PERIOD])
         if k == 0:
             simulator.Initialize()
-        rows.append(state.Eval(context)[[0, 1, 6, 11]])
+        before = state.Eval(context)[[0, 1, 6, 11]]
         simulator.AdvanceTo((k + 1) * PERIOD)
+        # The status is that after the step of the unit at the begin of the period, which is held.
+        rows.append([*before, *diagram.GetOutputPort("status").Eval(context)[[0, 2]]])
     return np.array(rows).T
 
 
 def compare_with_drake(bolt, parameters, duration, delay):
     commands = course(duration)
     run = make_control(bolt, parameters, delay=delay).run(commands)
-    x, y, speed, yaw_rate = drive_in_drake(bolt, parameters, commands, delay)
+    x, y, speed, yaw_rate, setpoint, trim = drive_in_drake(bolt, parameters, commands, delay)
     assert run["vx"][0] == pytest.approx(speed, abs=1e-6)
     assert run["yaw_rate"][0] == pytest.approx(yaw_rate, abs=1e-6)
     assert run["x"][0] == pytest.approx(x, abs=1e-5)
     assert run["y"][0] == pytest.approx(y, abs=1e-5)
+    assert run["speed_setpoint"][0] == pytest.approx(setpoint, abs=1e-9)
+    assert run["speed_trim"][0] == pytest.approx(trim, abs=1e-5)
 
 
 @pytest.mark.essential
@@ -87,6 +94,59 @@ def test_the_loop_drives_as_the_drake_diagram(bolt, parameters):
 @pytest.mark.parametrize("delay", [0.0, 0.1])
 def test_the_loop_drives_as_the_drake_diagram_for_a_minute(bolt, parameters, delay):
     compare_with_drake(bolt, parameters, duration=60.0, delay=delay)
+
+
+COURSE = Course(step=3.0, step_time=0.0, load=0.0, load_time=8.0, duration=8.0, speed=5.0)
+
+
+def verdict(time_, setpoint, speed, trim):
+    """Return the status of a run and whether its overshoot and settling time are within limits, as in a tuning."""
+    found = judge(time_, setpoint, speed, trim, course=COURSE)
+    limits = {"overshoot_percent": 10.0, "settling_time": 4.0}
+    return found.status, {name: bool(found.figures[name] <= limit) for name, limit in limits.items() if found.figures}
+
+
+@pytest.mark.slow
+def test_a_thousand_draws_have_the_verdicts_of_the_drake_diagrams_at_a_twentieth_of_their_time(bolt, parameters):
+    """Mass, friction and delay are drawn, gains are too high for the longest delays; Drake drives each tenth draw."""
+    count, step, rng = 1000, 0.005, np.random.default_rng(4)
+    commands = np.tile([8.0, 0.0], (round(COURSE.duration / PERIOD), 1))
+    gains = {"speed.kp": np.full(count, 4.0), "speed.ki": np.full(count, 2.0)}
+    masses, friction = rng.uniform(0.7, 1.4, count), rng.uniform(0.2, 1.0, count)
+    delays = PERIOD * rng.integers(0, 16, count)
+    columns = {name: getattr(parameters, name) * masses for name in ("mass", "yaw_inertia", "rotating_mass")}
+    columns |= {name: getattr(parameters, name) * friction for name in ("front_friction", "rear_friction")}
+    make_control(bolt, parameters, step=step, gains={"speed.kp": 1.0}).run(commands)  # loads the machine code
+
+    began = time.process_time()
+    control = make_control(bolt, parameters, count, columns=columns, step=step, gains=gains, delay=delays)
+    run = control.run(commands, outputs=["vx", "speed_setpoint", "speed_trim"])
+    ours = [verdict(run.time, *row) for row in zip(run["speed_setpoint"], run["vx"], run["speed_trim"], strict=True)]
+    batch_time = (time.process_time() - began) / count
+
+    speed_loop = bolt.control.speed.model_copy(update={"kp": 4.0, "ki": 2.0})
+    tuned = replace(bolt, control=bolt.control.model_copy(update={"speed": speed_loop}))
+    drawn = range(0, count, 10)
+    began, theirs = time.process_time(), []
+    for k in drawn:
+        own = replace(parameters, **{name: float(values[k]) for name, values in columns.items()})
+        with pytest.MonkeyPatch.context() as patch:
+            # The unit does not know the mass of the car.
+            patch.setattr(
+                "mirdrake.single_track.vehicle.SingleTrackControl",
+                lambda vehicle, *, mass, rotating, delay: SingleTrackControl(
+                    vehicle, mass=parameters.mass, rotating=parameters.rotating_mass, delay=delay
+                ),
+            )
+            _, _, speed, _, setpoint, trim = drive_in_drake(tuned, own, commands, float(delays[k]), step)
+        theirs.append(verdict(run.time, setpoint, speed, trim))
+    drake_time = (time.process_time() - began) / len(drawn)
+    assert [ours[k] for k in drawn] == theirs
+    # Both verdicts occur, and both limits decide.
+    assert {status for status, _ in ours} == {"ok", "unstable"}
+    for name in ("overshoot_percent", "settling_time"):
+        assert len({within[name] for status, within in ours if status == "ok"}) == 2
+    assert drake_time > 20.0 * batch_time, (drake_time, batch_time)
 
 
 def test_gains_over_speed_are_those_of_the_drake_diagram(bolt, parameters):

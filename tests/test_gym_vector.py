@@ -5,6 +5,7 @@ import time
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import mirdrake.gym
@@ -66,6 +67,28 @@ def test_steps_are_within_the_spaces_and_repeat_with_the_seed(env):
         rows.append(np.array(history))
     assert rows[0].tolist() == rows[1].tolist()
     assert env.reset(seed=4)[0].tolist() != rows[0][0].tolist()
+
+
+class OneCar(gymnasium.Env):
+    """The only car of a vector environment, for Gymnasium's checker, which takes single environments."""
+
+    def __init__(self):
+        self.env = gymnasium.make_vec("mirdrake/Drive-v0", num_envs=1, start="anywhere_on_track", duration=4.0)
+        self.observation_space, self.action_space = self.env.single_observation_space, self.env.single_action_space
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        observations, info = self.env.reset(seed=seed, options=options)
+        return observations[0], info
+
+    def step(self, action):
+        observations, rewards, terminated, truncated, info = self.env.step(np.asarray(action)[None])
+        return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), info
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_car_passes_the_checker_of_gymnasium_without_a_warning():
+    check_env(OneCar(), skip_render_check=True)
 
 
 def test_an_ended_episode_starts_again_in_the_next_step(env):

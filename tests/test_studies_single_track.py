@@ -1,6 +1,9 @@
 """Studies of the single-track model: agreement with the plant, shards, resumption, faults of a study file."""
 
+import pickle
 import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +66,36 @@ def test_rows_do_not_depend_on_shards_and_a_stopped_study_continues(
     assert result.arrow.equals(whole.arrow)
     assert load_results(tmp_path / "out").arrow.equals(whole.arrow)
     assert (tmp_path / "out" / RESULTS_FILE).is_file()
+    assert not (tmp_path / "out" / SHARDS).exists()
+
+
+class SynchronousDask(Executor):
+    """Makes each call a task of Dask's synchronous scheduler, through pickle as on another computer."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run the task at once."""
+        import dask
+
+        done: Future[Any] = Future()
+        function, arguments = pickle.loads(pickle.dumps((fn, args)))
+        task = dask.delayed(function, pure=False)(*arguments, **kwargs)
+        done.set_result(pickle.loads(pickle.dumps(task.compute(scheduler="synchronous"))))
+        return done
+
+
+def test_shards_as_tasks_of_dask_give_the_same_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("dask")
+    monkeypatch.setattr(single_track, "LARGEST", 3)
+    files: list[list[str]] = []
+
+    def look(done: int, total: int, row: Any) -> None:
+        files.append(sorted(file.name for file in (tmp_path / "out" / SHARDS).iterdir()))
+
+    result = run_study(study(), out=tmp_path / "out", executor=SynchronousDask(), progress=look)
+    assert result.arrow.equals(run_study(study(), workers=0).arrow)
+    # A Parquet file for each shard, until the table of the whole study replaces them.
+    assert [len(names) for names in files] == [1, 2]
+    assert all(name.endswith(".parquet") for names in files for name in names)
     assert not (tmp_path / "out" / SHARDS).exists()
 
 
