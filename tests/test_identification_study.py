@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from dataclasses import replace
 from functools import cache
 
@@ -10,11 +11,14 @@ import pandas as pd
 import pytest
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.identification.channels import channel
+from mirdrake.identification.default_study import default_study
 from mirdrake.identification.estimators import EstimatorOptions
 from mirdrake.identification.fit import Fit, load_fit
 from mirdrake.identification.identify import Identification, identify, to_number
 from mirdrake.identification.study import EstimatorSpec, StudySpec, load_identification
 from mirdrake.report.identification import render_data_check, render_identification, write_identification
+from tests.identification_rigs import MASS, NOISE, TRUTH, exact
 from tests.test_identification_data import CAR, recorded
 
 STUDY = """\
@@ -252,3 +256,30 @@ def test_the_smallest_study_and_its_defaults():
     spec = StudySpec.model_validate({"mirdrake": "identification/1", "data": "a.yaml", "model": "single_track"})
     assert spec.model == {"kind": "single_track"}
     assert json.loads(spec.model_dump_json())["estimator"]["loss"] == "huber"
+
+
+@pytest.mark.slow
+def test_the_default_identification_of_90_s_at_200_hz_takes_less_than_10_s(tmp_path):
+    """Processor time of all threads, without the compilation."""
+    time_, clean = exact(90.0, 0.005)
+    rng = np.random.default_rng(1)
+    table = {"time": time_, "road_wheel_angle": clean["road_wheel_angle"]}
+    for name in ("vx", "yaw_rate", "lateral_acceleration"):
+        table[name] = clean[name] + rng.normal(0.0, NOISE[name], len(time_))
+    channels = "".join(
+        f"  {name}: {{column: {name}, unit: {channel(name).unit}}}\n" for name in table if name != "time"
+    )
+    seconds = []
+    for name, rows in (("warm", 4000), ("drive", len(time_))):
+        pd.DataFrame(table)[:rows].to_csv(tmp_path / f"{name}.csv", index=False)
+        data = tmp_path / f"{name}.yaml"
+        data.write_text(f"mirdrake: data/1\nwheelbase: 2.7\nchannels:\n{channels}logs:\n- {{file: {name}.csv}}\n")
+        began = time.process_time()
+        result = identify(default_study(data), tmp_path)
+        seconds.append(time.process_time() - began)
+    assert seconds[1] < 10.0
+    # The lag was found, and what this log determines.
+    for name in ("yaw_inertia", "steering_delay", "steering_lag"):
+        truth = TRUTH[name] / (MASS if name == "yaw_inertia" else 1.0)  # without a mass, per kilogram
+        assert result.fit[name].verdict == "identified"
+        assert result.fit[name].low < truth < result.fit[name].high

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from itertools import pairwise
 from multiprocessing import parent_process
 from typing import Any, NamedTuple
 
@@ -87,14 +86,16 @@ def run_log(
     arguments = (settings, parameters, np.ascontiguousarray(inputs), sets, joins, equal, float(step), int(substeps))
     changed = (last, np.empty((samples, last.shape[1])), seen)
     # The first run alone, as the others may read its states.
-    kernel(*arguments, 0, 1, *changed)
-    # Runs that follow end early; one in turn for each thread keeps the threads equally busy.
-    threads = _threads()
-    if len(last) < 1 + threads or threads == 1:
-        kernel(*arguments, 1, len(last), *changed)
+    kernel(*arguments, np.zeros(1, dtype=np.int64), *changed)
+    # Runs that follow end early: whole runs first, dealt to the threads in turn, which are then equally busy.
+    others: Integers = 1 + np.argsort(joins[1:], kind="stable")
+    threads = min(_threads(), len(others))
+    if threads < 2:
+        kernel(*arguments, others, *changed)
         return LogRuns(seen, last)
-    bounds = np.linspace(1, len(last), threads + 1).astype(int).tolist()
-    for call in [_pool().submit(kernel, *arguments, begin, end, *changed) for begin, end in pairwise(bounds)]:
+    calls = [_pool().submit(kernel, *arguments, others[k::threads].copy(), *changed) for k in range(threads)]
+    # The result is awaited to raise the exception of a thread here, which submit alone would hide.
+    for call in calls:
         call.result()
     return LogRuns(seen, last)
 
@@ -110,13 +111,12 @@ def _run(
     tolerances: Floats,
     step: float,
     substeps: int,
-    first: int,
-    last: int,
+    chosen: Integers,
     states: Floats,
     path: Floats,
     outputs: Floats,
 ) -> None:
-    """Integrate the runs from `first` to before `last`; other arguments as in :func:`run_log`.
+    """Integrate the chosen runs; other arguments as in :func:`run_log`.
 
     States, the path of the first run (samples, states) and outputs are overwritten.
     """
@@ -125,7 +125,7 @@ def _run(
     x, between = np.empty(width), np.empty(width)
     k1, k2, k3, k4 = np.empty(width), np.empty(width), np.empty(width), np.empty(width)
     half, sixth = 0.5 * step, step / 6.0
-    for i in range(first, last):
+    for i in chosen:
         own, row, joined = parameters[i], rows[i], False
         x[:] = states[i]
         for sample in range(outputs.shape[1]):
@@ -164,7 +164,7 @@ def _run(
 
 def _threads() -> int:
     """Return the number of threads: a core each, and one in a worker process, of which each core has one."""
-    return 1 if parent_process() is not None else len(os.sched_getaffinity(0))
+    return 1 if parent_process() is not None else os.cpu_count() or 1
 
 
 @cache
