@@ -260,12 +260,11 @@ def test_block_bootstrap_spreads_as_the_mean_does():
     assert float(draws.std()) == pytest.approx(1.0 / 4000**0.5, rel=0.25)
 
 
-def refit(found, options, weights):
+def refit(found, options, blocks, weights):
     """Return the shift of the free parameters if each block counts as often as it was drawn, by a complete refit."""
-    problem, rows = found.problem, []
-    for drive, mask in zip(problem.drives, problem.masks, strict=True):
-        count = drive.size // round(max(2.0, drive.size * drive.step / 40.0) / drive.step)
-        rows += [len(part) * len(mask) for part in np.array_split(np.arange(drive.size), count)]
+    problem = found.problem
+    # Blocks of samples; residuals are stored sample by sample.
+    rows = [len(part) * len(problem.masks[0]) for part in np.array_split(np.arange(problem.drives[0].size), blocks)]
     each = np.concatenate([np.repeat(weights, rows), np.ones(problem.rows - problem.measured)])
     loss = robust(options.loss, problem.measured)
     result = least_squares(
@@ -290,10 +289,10 @@ def test_a_bootstrap_of_200_has_the_intervals_of_200_refits_in_a_tenth_of_their_
     assert draws is not None
 
     began, rng, shifts = time.process_time(), np.random.default_rng(options.seed), []
-    blocks = 15  # of 2 s
+    blocks = drives[0].size // int(np.ceil(2.0 / drives[0].step))  # of 2 s, as of the bootstrap
     for _ in range(options.bootstrap):
         drawn = rng.integers(0, blocks, blocks)
-        shifts.append(refit(found, options, np.bincount(drawn, minlength=blocks).astype(float)))
+        shifts.append(refit(found, options, blocks, np.bincount(drawn, minlength=blocks).astype(float)))
     theirs = time.process_time() - began
     # The same blocks are drawn, so that no Monte Carlo noise is between both.
     widths = [np.ptp(np.percentile(values, (2.5, 97.5), axis=0), axis=0) for values in (draws, shifts)]
