@@ -281,5 +281,8 @@ def test_the_default_identification_of_90_s_at_200_hz_takes_less_than_10_s(tmp_p
     # The lag was found, and what this log determines.
     for name in ("yaw_inertia", "steering_delay", "steering_lag"):
         truth = TRUTH[name] / (MASS if name == "yaw_inertia" else 1.0)  # without a mass, per kilogram
-        assert result.fit[name].verdict == "identified"
-        assert result.fit[name].low < truth < result.fit[name].high
+        estimate = result.fit[name]
+        assert estimate.verdict == "identified"
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < truth < estimate.high

@@ -74,11 +74,11 @@ class SynchronousDask(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run the task at once."""
-        import dask
+        from dask.delayed import delayed
 
         done: Future[Any] = Future()
         function, arguments = pickle.loads(pickle.dumps((fn, args)))
-        task = dask.delayed(function, pure=False)(*arguments, **kwargs)
+        task = delayed(function, pure=False)(*arguments, **kwargs)
         done.set_result(pickle.loads(pickle.dumps(task.compute(scheduler="synchronous"))))
         return done
 
