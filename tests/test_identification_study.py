@@ -106,6 +106,12 @@ def test_the_page_has_everything_and_needs_nothing(result, tmp_path):
         assert text in page
     for parameter in result.fit.parameters:
         assert parameter.name in page.replace("<wbr>", "")
+    # Each verdict with its parameters in words, above the table; numbers without exponents of Python.
+    summary = page.partition("<h2>Verdicts</h2>")[2].partition("<h2>Parameters</h2>")[0]
+    for parameter in result.fit.parameters:
+        if parameter.kind != "fixed":
+            assert parameter.name.replace("_", " ") in summary.partition(parameter.verdict)[2].partition("</tr>")[0]
+    assert not re.search(r"<td[^>]*>[−\d.]*\de[+-]\d\d", page.partition("Fit and residuals")[0])
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)|@import|<script""", page)
     assert page.count("<svg") == 4  # two logs, each wide and narrow
     assert page == render_identification(result)

@@ -22,7 +22,7 @@ from mirdrake.report.figures import thin
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import VehicleSignals
-from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
+from mirdrake.report.words import format_duration, format_quantity, format_significant, format_time, title_case
 from mirdrake.runs.logs import Event, Run
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
@@ -443,6 +443,15 @@ def test_thinning_keeps_the_ends_and_every_peak():
 )  # fmt: skip
 def test_quantities_have_three_digits_and_their_unit(value, unit, text):
     assert format_quantity(value, unit).replace("\u00a0", " ") == text
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(100812.0, 4, "100\u202f800"), (1215.0, 2, "1\u202f200"), (0.040361, 4, "0.04036"), (2543.4, 4, "2543"),
+     (-4.363e-5, 4, "−4.363·10⁻⁵"), (3e12, 2, "3·10¹²"), (0.0, 4, "0")],
+)  # fmt: skip
+def test_significant_digits_have_no_exponent_of_python(value, digits, text):
+    assert format_significant(value, digits) == text
 
 
 def test_times_and_names_read_like_prose():

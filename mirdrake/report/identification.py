@@ -22,7 +22,7 @@ from mirdrake.identification.identify import Identification
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_unit
+from mirdrake.report.words import format_significant, format_unit
 
 _TEMPLATE = "identification.html.jinja"
 _LEVEL = 3.84  # rise of the cost at the ends of a 95 % interval
@@ -106,7 +106,7 @@ def render_identification(result: Identification) -> str:
     # Fits to validation logs are the evidence; those to the training logs only show that the model is flexible enough.
     validation = [channel for channel in fit.channels if channel.part == "validation"]
     training = [channel for channel in fit.channels if channel.part == "train"]
-    condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
+    condition = "∞" if not math.isfinite(fit.condition_number) else format_significant(fit.condition_number, 3)
     tiles = [
         ("Parameters", f"{good} of {len(free)}", f"identified; {against} contradict the given value"),
         ("Fit, training logs", _least(training), _least_of(training)),
@@ -122,6 +122,7 @@ def render_identification(result: Identification) -> str:
             sections=_data_sections(check, None, pictures=False),
             result=result,
             fit=fit,
+            verdicts=_verdicts(free),
             parameters=[_parameter(parameter) for parameter in free],
             fixed=[_parameter(parameter) for parameter in fit.parameters if parameter.kind == "fixed"],
             correlation=_correlation(fit, free),
@@ -298,10 +299,22 @@ def _span(log: Log) -> str:
 # --- fit -------------------------------------------------------------------------------------------------------------
 
 
+def _verdicts(free: Sequence[FittedParameter]) -> list[tuple[str, str]]:
+    """Return each verdict that occurs, the best first, with the parameters that have it."""
+    order = ("identified", "contradicts the given value", "weakly identified", "not identifiable")
+    groups: dict[str, list[str]] = {verdict: [] for verdict in order}
+    for parameter in free:
+        groups.setdefault(parameter.verdict, []).append(parameter.name.replace("_", " "))
+    return [(verdict, ", ".join(names)) for verdict, names in groups.items() if names]
+
+
 def _parameter(parameter: FittedParameter) -> ParameterRow:
     span = "" if parameter.kind == "fixed" else f"{_number(parameter.low, 'open')} … {_number(parameter.high, 'open')}"
     bound = "" if parameter.at_bound is None else f"at its {'lower' if parameter.at_bound == 'low' else 'upper'} bound"
-    noise, model = half_width(parameter.sigma_noise), half_width(parameter.sigma_model)
+    noise, model = (
+        text and format_significant(float(text), 2)
+        for text in (half_width(parameter.sigma_noise), half_width(parameter.sigma_model))
+    )
     return ParameterRow(parameter, span, bound, _number(parameter.given, ""), noise, model)
 
 
@@ -397,7 +410,7 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
 def _number(value: float | None, none: str = "–") -> str:
     if value is None or not math.isfinite(value):
         return none
-    return f"{value:.4g}".replace("-", "−")
+    return format_significant(value)
 
 
 def _breaks(name: str) -> Markup:

@@ -2,6 +2,8 @@
 
 import math
 
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 
 def format_quantity(value: float | None, unit: str = "", *, digits: int = 3) -> str:
     """Return a number with its unit: ``0.124 m``, ``965 m``, ``12 340 N``; ``–`` for a missing or non-finite one.
@@ -25,6 +27,17 @@ def format_quantity(value: float | None, unit: str = "", *, digits: int = 3) -> 
     if not unit:
         return text
     return f"{text}{unit}" if unit in {"°", "×"} else f"{text}\u00a0{format_unit(unit)}"
+
+
+def format_significant(value: float, digits: int = 4) -> str:
+    """Return a finite number with significant digits: ``100 800``, ``0.04036``, ``−4.36·10⁻⁵``."""
+    text = f"{value:.{digits}g}"
+    mantissa, mark, exponent = text.partition("e")
+    if mark and 0 <= int(exponent) < 7:
+        text = f"{float(text):,.0f}".replace(",", "\u202f")
+    elif mark:
+        text = f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+    return text.replace("-", "−")
 
 
 def format_unit(unit: str) -> str:
