@@ -54,7 +54,7 @@ def make_table(rows: Sequence["Row"]) -> str:
     driven = [row for row in rows if row["status"] != "not driven"]
     fitted = [row for row in driven if row["status"] == "fitted"]
     bad = {"sign", "degrees"}
-    clean = [row for row in driven if row["fault"] not in bad]
+    clean = [row for row in driven if row["fault"] not in bad | {"vy_sign"}]
     wrong = [row for row in driven if row["fault"] in bad]
     pairs = [
         (row, parameter) for row in fitted if row["fault"] not in bad | {"vy_sign"} for parameter in row["parameters"]
@@ -85,8 +85,9 @@ def make_table(rows: Sequence["Row"]) -> str:
     late = [row for row in fitted if row["fault"] == "late"]
     add("delays missed", _share(sum(row["missed"] for row in late), len(late)), "")
     add("wrong signs and units missed", _share(sum(row["status"] == "fitted" for row in wrong), len(wrong)), "0")
-    turned = [row for row in fitted if row["fault"] == "vy_sign"]
-    add("wrong sign of vy missed", _share(sum(row["missed"] for row in turned), len(turned)), "0")
+    turned = [row for row in driven if row["fault"] == "vy_sign"]
+    missed = sum(row["status"] == "fitted" and row["missed"] for row in turned)
+    add("wrong sign of vy missed", _share(missed, len(turned)), "0")
     gains = [row["held_out"] - row["baseline"] for row in checked
              if row["held_out"] is not None and row["baseline"] is not None]  # fmt: skip
     if gains:

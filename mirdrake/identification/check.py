@@ -59,7 +59,8 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
             sources += [source for source in own if source not in sources]
             logs.append(repaired)
     # With a wrong sign or unit the relations between the channels do not hold, and delays have no meaning.
-    if not any(finding.check == "units" for log in logs for finding in check_relations(log)):
+    wrong = [*findings, *(finding for log in logs for finding in check_relations(log))]
+    if not any(finding.check == "units" for finding in wrong):
         logs, new_findings = check_delays(logs, sources, repair="delays" in allowed, clock=data.clock)
         findings += new_findings
     for log in logs:

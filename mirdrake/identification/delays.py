@@ -4,16 +4,22 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-from mirdrake.identification.alignment import Delay, pair_delays, slack, steering_response
+from mirdrake.identification.alignment import (
+    DELAY_ODDS,
+    SMOOTHING,
+    Delay,
+    pair_delays,
+    slack,
+    steering_response,
+)
 from mirdrake.identification.clocks import Response, Tie, solve_ties
 from mirdrake.identification.data import Array, Log
+from mirdrake.identification.evidence import is_certain, likelihood_gain
 from mirdrake.identification.findings import Finding, Severity, Statement, statement
 from mirdrake.identification.lateral_delays import LateralDelays, estimate_lateral_delays
 from mirdrake.identification.relations import Grid, Relation, make_grid
-
-MAX_DISTANCE = 3.0
-"""Largest distance of an accelerometer from the point whose velocity is logged [m]."""
 
 SIGNIFICANT = 5.0
 """Standard deviations above which the delays of two logs differ."""
@@ -277,13 +283,12 @@ def _pair_finding(
 
 def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool, clock: str | None) -> tuple[Log, list[Finding]]:
     """Find clocks of different rates; the repair stretches channels with another clock than the steering."""
-    # An accelerometer ahead of the reference has an apparent delay d / v, which changes with the speed like a drift.
-    span, hidden = float(np.ptp(log.time)), _drift_by_position(grid)
+    span = float(np.ptp(log.time))
     seen = [(relation.measured, _timing_channel(relation), delay) for relation, delay in pairs if relation.timed]
     drifting = [
-        (first, second, delay)
-        for first, second, delay in seen
-        if _drifts(delay, span, grid.step) and (first != "lateral_acceleration" or abs(delay.drift) > hidden)
+        (relation.measured, _timing_channel(relation), delay)
+        for relation, delay in pairs
+        if relation.timed and _drifts(delay, span, grid.step) and _is_shown(relation, delay, grid)
     ]
     if not drifting:
         return log, []
@@ -317,16 +322,26 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool, clock: str
     return _shifted(log, {name: rate * begin for name, rate in stretched.items()}), findings
 
 
-def _drift_by_position(grid: Grid) -> float:
-    """Return the change of the delay d / v that an accelerometer in another position has with the speed [s/s]."""
-    speed = grid.channels.get("vx", grid.channels.get("speed"))
-    if speed is None:
-        return 0.0
-    typical = float(np.median(np.abs(speed)))
-    # 1 / v is bounded near standstill, where accelerations carry no information about a delay.
-    slowness = 1.0 / np.maximum(np.abs(speed), max(0.3 * typical, 1e-3))
-    time = grid.step * np.arange(len(speed))
-    return MAX_DISTANCE * abs(float(np.polyfit(time - time.mean(), slowness, 1)[0]))
+def _is_shown(relation: Relation, delay: Delay, grid: Grid) -> bool:
+    """Whether the residuals of a relation show a delay that drifts.
+
+    The alternatives are a constant delay, none, and the further terms of the relation: an accelerometer ahead of the
+    reference has an apparent delay d / v, which changes with the speed like a drift.
+    """
+    width = max(1.0, SMOOTHING / grid.step)
+    beside = [] if relation.beside is None else relation.beside(grid)
+    left, right, *beside = (
+        gaussian_filter1d(values, width) for values in (relation.left(grid), relation.right(grid), *beside)
+    )
+    time = grid.step * np.arange(len(left))
+
+    def residual(late: float, drift: float = 0.0) -> Array:
+        moved = np.interp(time - late - drift * (time - time.mean()), time, right)
+        base = np.column_stack((moved, grid.rate(moved), *beside, np.ones(len(time))))
+        return np.asarray(left - base @ np.linalg.lstsq(base, left, rcond=None)[0])
+
+    constant = min((residual(0.0), residual(delay.value)), key=lambda rest: float(rest @ rest))
+    return is_certain(*likelihood_gain(constant, residual(delay.value, delay.drift)), DELAY_ODDS)
 
 
 def _drifts(delay: Delay, span: float, step: float) -> bool:

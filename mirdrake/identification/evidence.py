@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LEAST_SHARE = 0.2
+"""Least share of the variance of the residual that an effect explains [1]: a smaller one may be any effect that the
+relation lacks, as roll or the bank of the road, however certain its estimate is."""
+
 
 def effective_samples(residuals: Array) -> float:
     """Return the number of independent samples that residuals with a memory count for."""
@@ -32,6 +36,18 @@ def likelihood_gain(without: Array, residuals: Array) -> tuple[float, float]:
     effective = effective_samples(residuals)
     ratio = float(without @ without) / max(float(residuals @ residuals), 1e-300)
     return effective * float(np.log(max(ratio, 1e-300))), effective
+
+
+def is_certain(gain: float, effective: float, odds: float) -> bool:
+    """Return whether the residuals show an effect: its likelihood, and at least a part of their variance.
+
+    Args:
+        gain: twice the logarithm of the likelihood ratio.
+        effective: number of independent samples.
+        odds: prior odds against the effect [1].
+    """
+    share = 1.0 - float(np.exp(-gain / max(effective, 1e-300)))
+    return share > LEAST_SHARE and gain > required_gain(effective, odds)
 
 
 def required_gain(effective: float, odds: float) -> float:

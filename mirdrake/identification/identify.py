@@ -118,7 +118,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
         chosen = choose_structure(drives, model_spec, settings, _options(spec))
         final = fit(
             drives, chosen.model, parameters=chosen.settings, options=_options(spec), name=spec.name,
-            start=chosen.start,
+            start=chosen.start, rivals=chosen.rivals,
         )  # fmt: skip
         # Intervals describe the noise around a model; a model that follows no channel makes them meaningless.
         final = reject_poor_fit(replace(final, notes=(*chosen.notes, *final.notes)))

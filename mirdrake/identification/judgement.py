@@ -19,7 +19,8 @@ class Judgement:
         noise: standard deviation of the scaled parameter by the noise [1].
         by_assumptions: the same by the assumptions [1].
         between: the same between parts of the logs [1].
-        sigma: root sum of squares of the three [1].
+        structures: the same between structures that predict as well [1].
+        sigma: standard deviation by all of them [1].
         bound: bound that the estimate is at.
         is_certain: whether the uncertainty alone would allow the parameter to be used.
         is_meaningless: whether the value is outside of its plausible range and uncertain, or the model is wrong.
@@ -37,6 +38,7 @@ class Judgement:
     noise: float
     by_assumptions: float
     between: float
+    structures: float
     sigma: float
     bound: Literal["low", "high"] | None
     is_certain: bool

@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from mirdrake.identification.alignment import DELAY_ODDS
 from mirdrake.identification.data import Array
-from mirdrake.identification.evidence import effective_samples, required_gain
+from mirdrake.identification.evidence import effective_samples, is_certain, required_gain
 from mirdrake.identification.relations import Grid
 from mirdrake.identification.splines import Spline
 
@@ -60,10 +60,6 @@ MAX_ROWS = 50_000
 
 MIN_CORRELATION = 0.7
 """Least correlation of dvy/dt with what the other channels give [1]."""
-
-LEAST_SHARE = 0.2
-"""Least share of the variance of the residual that a delay explains [1]: a smaller one may be any effect that the
-relation lacks, as roll or the bank of the road, however certain its estimate is."""
 
 
 class Hypothesis(NamedTuple):
@@ -171,8 +167,7 @@ def _explains(hypothesis: Hypothesis, logs: "_LogSet") -> bool:
         if plain is None:
             return True
         gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
-        share = 1.0 - (late.residual / plain.residual) ** 2
-        if share > LEAST_SHARE and gain > required_gain(late.effective, DELAY_ODDS):
+        if is_certain(gain, late.effective, DELAY_ODDS):
             return True
     return False
 

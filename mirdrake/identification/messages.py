@@ -8,7 +8,7 @@ from mirdrake.identification.judgement import Combination, Direction, Judgement
 from mirdrake.identification.parameters import FitParameter
 
 NOTABLE = 0.02
-"""Standard deviation between logs from which it is named [1]."""
+"""Standard deviation between logs or models from which it is named [1]."""
 
 SHOWN = 5
 """Number of parameters named with a recommended manoeuvre."""
@@ -35,8 +35,11 @@ def explanation(judgement: Judgement) -> str:
         text = f"known to {width}"
         text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
     # The largest source of uncertainty is named, and only it, if it matters.
-    if judgement.between > max(judgement.noise, judgement.by_assumptions, NOTABLE):
+    others = max(judgement.noise, judgement.by_assumptions, NOTABLE)
+    if judgement.between > max(others, judgement.structures):
         text += f"; the logs differ by {_width(parameter, judgement.between)}: the model lacks an effect"
+    elif judgement.structures > others:
+        text += f"; models that predict as well differ by {_width(parameter, judgement.structures)}"
     if judgement.depends_on is not None:
         text += f"; depends on {judgement.depends_on.description}: {judgement.depends_on.remedy}"
     if judgement.inseparable:

@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
-from mirdrake.identification.evidence import likelihood_gain, required_gain
+from mirdrake.identification.evidence import is_certain, likelihood_gain, required_gain
 from mirdrake.identification.findings import Finding, Severity, statement
+from mirdrake.identification.lateral_delays import MAX_SCALE
 from mirdrake.identification.relations import (
     Gain,
     Grid,
@@ -32,6 +34,9 @@ MIN_CORRELATION, SCALE_RANGE = 0.85, (0.6, 1.6)
 
 SIGN_ODDS = 1e3
 """Prior odds against a wrong sign [1]."""
+
+LATE = 0.2
+"""Largest delay of vy that is an alternative to a wrong sign [s]."""
 
 MIN_OPPOSITE = 0.5
 """Least correlation of a wrong sign: that of a late response to fast steering may be negative, too."""
@@ -309,14 +314,14 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     # Partial regression: offset, v r and dr/dt (position of the sensor) are removed from both sides.
     beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
     both = np.column_stack((means(side - whirl), means(grid.rate(grid.channels["vy"]))))
+    if (evidence := _opposite_velocity(grid, forward, width)) is not None:
+        text = statement("velocity_sign", correlation=evidence)
+        return [Finding(log.name, "units", "vy", "fault", evidence, "1", text)]
     known = np.linalg.lstsq(beside, both, rcond=None)[0]
     rest = both - beside @ known
     if np.any(np.std(rest, axis=0) == 0.0):
         return []
     correlation = float(np.corrcoef(rest.T)[0, 1])
-    if correlation < -MIN_CORRELATION and abs(known[1, 0]) < 0.5:  # otherwise the lateral acceleration is wrong
-        text = statement("velocity_sign", correlation=correlation)
-        return [Finding(log.name, "units", "vy", "fault", correlation, "1", text)]
     if correlation < MIN_CORRELATION:
         return []
     # v r may carry a part of the gain as well, which is removed here.
@@ -348,6 +353,46 @@ def check_path_direction(log: Log) -> list[Finding]:
         return []
     text = statement("path_direction", correlation=correlation)
     return [Finding(log.name, "units", "x, y", "fault", correlation, "1", text)]
+
+
+def _opposite_velocity(grid: Grid, forward: str, width: int) -> float | None:
+    """Return the correlation of ay - vx r with dvy/dt if vy has the wrong sign; None without evidence for it.
+
+    Both signs are hypotheses with equal freedom, so noise of the derivative favours neither. With the right sign vy
+    or the acceleration may be late as well.
+
+    Args:
+        grid: a log.
+        forward: channel of the speed.
+        width: rows of the means that suppress the noise of the derivative.
+    """
+    rate, side = grid.channels["yaw_rate"], grid.channels["lateral_acceleration"]
+    rise, whirl = grid.rate(grid.channels["vy"]), grid.channels[forward] * rate
+    reach = int(np.ceil(LATE / grid.step))
+    count = (len(rate) - 2 * reach) // width
+
+    def means(values: np.ndarray, late: int = 0) -> np.ndarray:
+        first = reach + late
+        return np.asarray(values[first : first + count * width].reshape(count, width).mean(axis=1))
+
+    beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
+    # The accelerometer has a small error of its scale only; position and offset are free.
+    bounds = ([-np.inf, -MAX_SCALE, -np.inf], [np.inf, MAX_SCALE, np.inf])
+
+    def residual(sign: float, late_velocity: int = 0, late_acceleration: int = 0) -> np.ndarray:
+        left = means(side, late_acceleration) - means(whirl) - sign * means(rise, late_velocity)
+        return np.asarray(left - beside @ lsq_linear(beside, left, bounds).x)
+
+    opposite = residual(-1.0)
+    # A late channel is the alternative; it need not be searched for where even the plain sign fits as well.
+    if not is_certain(*likelihood_gain(residual(1.0), opposite), SIGN_ODDS):
+        return None
+    lags = np.unique(np.linspace(-reach, reach, 21).astype(int)).tolist()
+    late = [residual(1.0, lag, 0) for lag in lags] + [residual(1.0, 0, lag) for lag in lags]
+    right = min(late, key=lambda rest: float(rest @ rest))
+    if not is_certain(*likelihood_gain(right, opposite), SIGN_ODDS):
+        return None
+    return float(np.corrcoef(means(side) - means(whirl), means(rise))[0, 1])
 
 
 def check_gravity(log: Log) -> list[Finding]:

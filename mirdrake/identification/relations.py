@@ -8,6 +8,9 @@ For velocities and accelerations of one point of a rigid body on a flat road (IS
 On a road with a bank φ, left side up, ay also has g sin φ, as accelerometers measure the force of the ground. Each is a
 relation ``left = gain · right + offset``. The gain is 1 if units, signs and sample time are right. A wrong sample time
 shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
+
+Noise on both sides biases each regression: the gain lies between those of either side on the other (R. Frisch,
+Statistical Confluence Analysis by Means of Complete Regression Systems, 1934). A value between them is not excluded.
 """
 
 from collections.abc import Callable, Mapping
@@ -79,6 +82,7 @@ class Relation(NamedTuple):
         right: the right side (n).
         timed: whether both sides have the same timing; without vy, ay leads vx r by the change of vy.
         known: part of the right side without a derivative, which is moved to the left for the gain: ax + r vy = dvx/dt.
+        beside: further terms of unknown size, such as those of the position of a sensor (n each).
     """
 
     measured: str
@@ -88,6 +92,7 @@ class Relation(NamedTuple):
     right: Callable[[Grid], Array]
     timed: bool = True
     known: Callable[[Grid], Array] | None = None
+    beside: Callable[[Grid], list[Array]] | None = None
 
     def left(self, grid: Grid) -> Array:
         """Return the measured channel without the known part (n)."""
@@ -123,11 +128,21 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         values = grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
         return values + GRAVITY * np.sin(get(grid, "bank")) if "bank" in grid.channels else values
 
+    def mounting(grid: Grid) -> list[Array]:
+        """Return r² and r vx: an accelerometer ahead of the centre of mass measures one, a turned one the other.
+
+        Without vy, r vy is nearly proportional to r² as well.
+        """
+        if "yaw_rate" not in grid.channels:
+            return []
+        return [get(grid, "yaw_rate") ** 2, get(grid, "yaw_rate") * get(grid, str(forward))]
+
     # Each relation determines other scales: together they show which channel or step is wrong.
     if forward and "longitudinal_acceleration" in channels:
         relations.append(
-            Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)), known=turn)
-        )
+            Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)), known=turn,
+                     beside=mounting)
+        )  # fmt: skip
     if forward and "lateral_acceleration" in channels and "yaw_rate" in channels:
         relations.append(
             Relation(
@@ -137,6 +152,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
                 False,
                 lambda g: get(g, forward) * get(g, "yaw_rate") + side(g),
                 "vy" in channels,
+                beside=lambda g: [g.rate(get(g, "yaw_rate"))],  # by the position of the accelerometer
             )
         )
     if "yaw" in channels and "yaw_rate" in channels:
@@ -184,7 +200,7 @@ class Gain(NamedTuple):
         gain: slope of the left over the right side, 1 if everything is right.
         sigma: its standard deviation.
         offset: offset of the left side [its unit].
-        correlation: correlation of both sides.
+        correlation: correlation of both sides, without the further terms of the relation.
     """
 
     relation: Relation
@@ -192,6 +208,14 @@ class Gain(NamedTuple):
     sigma: float
     offset: float
     correlation: float
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the magnitude of the gain by noise on either side (Frisch), and four standard deviations [1]."""
+        size, share = abs(self.gain), abs(self.correlation)
+        # The gain of a derivative is the regression of the right on the left side, others lie in the middle.
+        low, high = (share**2, 1.0) if self.relation.derivative else (share, 1.0 / share)
+        return low * size - 4.0 * self.sigma, high * size + 4.0 * self.sigma
 
 
 def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
@@ -204,21 +228,28 @@ def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
     count = len(left) // width
     if count < 8:
         return None
-    a = left[: count * width].reshape(count, width).mean(axis=1)
-    b = right[: count * width].reshape(count, width).mean(axis=1)
+    terms = [] if relation.beside is None else relation.beside(grid)
+    columns = [values[: count * width].reshape(count, width).mean(axis=1) for values in (left, right, *terms)]
+    # Few windows do not determine more than the gain and the offset.
+    beside = np.column_stack((*columns[2:], np.ones(count))) if count >= 8 + 4 * len(terms) else np.ones((count, 1))
     use = np.ones(count, dtype=bool)
     slope = offset = correlation = sigma = 0.0
     # Outliers beyond 4 deviations (by the median) are left out until the set is stable enough: shocks, GPS jumps.
     for _ in range(5):
-        if use.sum() < 6 or np.ptp(b[use]) == 0.0 or np.ptp(a[use]) == 0.0:
+        if use.sum() < 6 + beside.shape[1]:
+            return None
+        # Partial regression: what the further terms and the offset explain is removed from both sides.
+        pair = np.column_stack(columns[:2])
+        a, b = (pair - beside @ np.linalg.lstsq(beside[use], pair[use], rcond=None)[0]).T
+        if np.std(a[use]) <= 1e-12 * np.std(pair[:, 0]) or np.std(b[use]) <= 1e-12 * np.std(pair[:, 1]):
             return None
         correlation = float(np.corrcoef(a[use], b[use])[0, 1])
         if relation.derivative:  # the noise is in the derivative, so it is the dependent variable
             slope = float(a[use].var() / np.cov(a[use], b[use], bias=True)[0, 1])
         else:  # both sides have noise: reduced major axis
             slope = float(np.sign(correlation) * a[use].std() / b[use].std())
-        offset = float(np.mean(a[use]) - slope * np.mean(b[use]))
-        away = np.abs(a - slope * b - offset)
+        offset = float(np.mean(columns[0][use]) - slope * np.mean(columns[1][use]))
+        away = np.abs(a - slope * b)
         spread = 1.4826 * float(np.median(away[use]))
         sigma = abs(slope) * np.sqrt(max(1.0 - correlation**2, 1e-12) / max(use.sum() - 2, 1))
         use = away <= max(4.0 * spread, 1e-12)
@@ -293,6 +324,10 @@ def step_factor(gains: list[Gain]) -> float | None:
     others = [gain for gain in gains if not gain.relation.derivative and abs(gain.correlation) > 0.8]
     # One relation alone cannot distinguish a wrong step from a wrong unit.
     if not timed or len(timed) + len(others) < 2 or not all(_is_near_one(gain.gain) for gain in others):
+        return None
+    # A step of one is possible if no relation excludes it, however noisy its channels are.
+    least, largest = (max(gain.bounds[0] for gain in timed), min(gain.bounds[1] for gain in timed))
+    if least < 1.0 < largest:
         return None
     # left = gain · right, and the right side is too large by the ratio of true to stated step.
     # The step is the weighted mean of all relations, if they agree.

@@ -94,10 +94,13 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
     ends = np.append(rows[1:], len(values))
     # At the ends the neighbours are on one side: a motion that begins is away from their median, but on their line.
+    # Behind the last sample none shows whether the value returns: it must exceed the fastest motion of the log.
     half = WINDOW // 2
+    fastest = 3.0 * float(np.percentile(steps, 95.0))
     for side, distance in ((series, away), (series[::-1], away[::-1])):
         for row in range(half):
             distance[row] = min(distance[row], abs(side[row] - _extended(side[row + 1 : row + 1 + half])))
+        distance[0] *= distance[0] > fastest
     odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad

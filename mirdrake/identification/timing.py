@@ -22,10 +22,6 @@ MIN_STEP, MAX_STEP = 1e-5, 1.0
 MAX_HOLD = 60
 """Rows over which a value may be held and still indicate a rate."""
 
-SLOWER = 0.7
-"""Size of the changes of a coarse channel after holds of several rows, relative to those after one row, below which
-the holds are those of slow motion [1]."""
-
 NOT_HELD = 0.95
 """Share of changing rows above which a channel is not held."""
 
@@ -364,7 +360,7 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
         return None
     holds, rested = np.diff(here), np.add.accumulate(~moving)
     inside = (holds <= MAX_HOLD) & (rested[here[1:]] == rested[here[:-1]])
-    holds, sizes = holds[inside], steps[here[1:][inside] - 1]
+    holds = holds[inside]
     if len(holds) < 15:
         return None
     usual = int(np.median(holds))
@@ -374,9 +370,8 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
         if on_grid > 0.93 and np.mean(holds <= factor) > 0.5:
             return float(factor), 1.0 - 1.0 / factor
     mean = float(holds.mean()) / (1.0 + _chance(steps[here - 1]))
-    # A slower source changes as much after a long hold as after a short one; a coarse value repeats where it is slow.
-    short = holds == 1
-    by_chance = bool(quantum) and short.any() and np.mean(sizes[~short]) < SLOWER * np.mean(sizes[short])
+    # A slower source holds for two neighbouring numbers of rows; repetition by chance has a geometric distribution.
+    by_chance = bool(quantum) and holds.var() > 0.5 * holds.mean() * (holds.mean() - 1.0)
     if mean < 1.15 or by_chance:
         return 1.0, 1.0 - 1.0 / float(holds.mean())
     near = round(mean)

@@ -36,6 +36,7 @@ def fit(
     options: EstimatorOptions | None = None,
     name: str = "fit",
     start: Minimum | None = None,
+    rivals: Sequence[Mapping[str, float]] = (),
 ) -> Fit:
     """Fit a model to the training logs of a data set and evaluate it on all of its logs.
 
@@ -46,6 +47,7 @@ def fit(
         options: options of the estimator.
         name: name of the study.
         start: minimum of the same model and logs to start from; None for the guesses.
+        rivals: estimates by other structures that predict as well.
 
     Raises:
         ConfigError: the data or the settings do not allow a fit; one line per fault.
@@ -76,10 +78,11 @@ def fit(
     effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
-    between = between_logs(data, solution, options)
+    between, structures = between_logs(data, solution, options), between_structures(solution, rivals)
     result = summarise(
-        data, solution, unknowns, name=name, options=options, notes=notes, effects=effects, between=between
-    )
+        data, solution, unknowns, name=name, options=options, notes=notes, effects=effects, between=between,
+        structures=structures,
+    )  # fmt: skip
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -102,6 +105,15 @@ def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -
             continue
         parts += split(other, z, options.loss)
     return variation(parts, prior_information(problem))
+
+
+def between_structures(solution: Solution, rivals: Sequence[Mapping[str, float]]) -> Array:
+    """Return the root mean square difference of the scaled free parameters from their estimates by other structures."""
+    sizes = []
+    for parameter, scaled in zip(solution.problem.free, solution.z, strict=False):
+        others = [parameter.to_scaled(rival[parameter.info.name]) for rival in rivals if parameter.info.name in rival]
+        sizes.append(float(np.sqrt(np.mean((np.array(others) - scaled) ** 2))) if others else 0.0)
+    return np.array(sizes)
 
 
 def _fixed(problem: Problem, values: Mapping[str, float]) -> list[FitParameter]:
@@ -150,6 +162,7 @@ def summarise(
     notes: Sequence[str] = (),
     effects: Sequence[AssumptionEffect] = (),
     between: Array | None = None,
+    structures: Array | None = None,
 ) -> Fit:
     """Return the fit of a solution: intervals, verdicts, traces, validation."""
     problem, model = solution.problem, solution.problem.model
@@ -177,7 +190,8 @@ def summarise(
         channel.part == "train" and channel.whiteness_p is not None and channel.whiteness_p < 1e-3
         for channel in channels
     )
-    judged = judge(model, unknowns, values, Uncertainty(sigmas, correlation, solution.bound, effects, between, error))
+    uncertainty = Uncertainty(sigmas, correlation, solution.bound, effects, between, structures, error)
+    judged = judge(model, unknowns, values, uncertainty)
 
     # Notes and advice.
     lines = [*notes]
@@ -207,7 +221,7 @@ def summarise(
         how += f", pieces of {options.shooting:g} s" + (" joined" if options.continuity is not None else "")
     return Fit(
         name, model.title, how, judged, correlation, condition, channels, traces, profiles,
-        tuple(map(messages.combination, combinations(model, unknowns, values, wide, judged, effects, between))),
+        tuple(map(messages.combination, combinations(model, unknowns, values, wide, judged, uncertainty))),
         tuple(advice), tuple(lines), data.digest,
         versions={package: version(package) for package in ("numpy", "scipy")},
     )  # fmt: skip

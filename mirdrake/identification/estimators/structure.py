@@ -5,6 +5,10 @@ far and with the noise of the first one. An addition is kept if its values are p
 logs better that it was not fitted to (:func:`~mirdrake.identification.estimators.consistency.cross_validate`), by
 more than the standard error over the parts allows for chance (M. Stone, Cross-validatory choice, J. R. Statist. Soc. B
 36, 1974; the rule of standard errors is that of L. Breiman and others, Classification and Regression Trees, 1984).
+
+Structures that predict as well as the best one, within a standard error, are not excluded by the logs. The scatter of
+their estimates is a part of the uncertainty (D. Draper, Assessment and propagation of model uncertainty, J. R. Statist.
+Soc. B 57, 1995).
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,12 +52,15 @@ class Structure(NamedTuple):
         settings: settings by parameter.
         start: minimum from which the final fit starts; None for the guesses.
         notes: which effects were added.
+        rivals: estimates by the structures that predict as well as the best one, itself included, within its standard
+            error: each a mapping of its free parameters.
     """
 
     model: ModelSpec
     settings: dict[str, Setting]
     start: Minimum | None = None
     notes: tuple[str, ...] = ()
+    rivals: tuple[Mapping[str, float], ...] = ()
 
 
 def choose_structure(
@@ -74,6 +81,7 @@ def choose_structure(
     few = replace(options, iterations=min(options.iterations, MAX_ITERATIONS))
     best_fit = first = _minimise(data, best, options, None)
     costs = cross_validate(best_fit, options.loss)
+    tried = [(best_fit, costs)]
     accepted: list[Addition] = []
     gains: dict[str, float] = {}
     for _ in range(ROUNDS):
@@ -93,6 +101,7 @@ def choose_structure(
             if minimum is None or not _implausible(minimum) <= _implausible(first):
                 continue
             own = cross_validate(minimum, options.loss)
+            tried.append((minimum, own))
             if predicts_better(costs, own):
                 # Only the additions that are still there keep their note.
                 gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
@@ -106,15 +115,32 @@ def choose_structure(
         f"left open by the study, supported by the training logs: {name} ({gain:.2g} % less cost of prediction)"
         for name, gain in gains.items()
     )
-    return best._replace(start=best_fit, notes=notes)
+    return best._replace(start=best_fit, notes=notes, rivals=rivals_of(tried))
+
+
+def rivals_of(tried: Sequence[tuple[Minimum, Array]]) -> tuple[dict[str, float], ...]:
+    """Return the free parameters of the structures that predict as well as the best one.
+
+    Args:
+        tried: minima with their costs of prediction by part.
+    """
+    _, least = min(tried, key=lambda trial: float(np.sum(trial[1])))
+    return tuple(
+        {parameter.info.name: minimum.values[parameter.info.name] for parameter in minimum.problem.free}
+        for minimum, costs in tried
+        if float(np.sum(costs - least)) <= standard_error(costs - least)
+    )
+
+
+def standard_error(gain: Array) -> float:
+    """Return the standard error of the sum of gains over parts, which are taken as independent."""
+    return float(np.std(gain, ddof=1)) * len(gain) ** 0.5 if len(gain) > 1 else 0.0
 
 
 def predicts_better(plain: Array, added: Array) -> bool:
     """Return whether costs of prediction (parts) are less by enough standard errors."""
     gain = plain - added
-    # Standard error of the sum over the parts, which are taken as independent.
-    error = float(np.std(gain, ddof=1)) * len(gain) ** 0.5 if len(gain) > 1 else 0.0
-    return float(np.sum(gain)) > STANDARD_ERRORS * error
+    return float(np.sum(gain)) > STANDARD_ERRORS * standard_error(gain)
 
 
 def _best_start(
