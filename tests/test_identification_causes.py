@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
 
 from benchmarks.calibration.cases import draw_case
 from benchmarks.calibration.record import record, with_ratio
@@ -17,6 +18,7 @@ from mirdrake.identification.check import check_data
 from mirdrake.identification.data import make_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.output_error import between_structures
+from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.structure import predicts_better, rivals_of
 from mirdrake.identification.fit import ChannelFit
 from mirdrake.identification.identifiability import CALIBRATION, Uncertainty, combinations, judge
@@ -128,6 +130,20 @@ def test_models_that_predict_as_well_within_a_standard_error_count_as_uncertaint
     solution = SimpleNamespace(problem=SimpleNamespace(free=[inertia]), z=np.zeros(1))
     assert between_structures(solution, rivals) == pytest.approx(np.log(1.1) / 2.0**0.5)
     assert between_structures(solution, ()) == 0.0
+
+
+def test_an_output_with_a_memory_of_its_residuals_gets_less_weight():
+    """An autoregression of first order φ counts for (1 - φ²) / (1 + φ²) of its samples (Bartlett)."""
+    random, memory = np.random.default_rng(0), 0.9
+    white = random.normal(size=(2, 100_000))
+    white[1] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[1])
+    problem = SimpleNamespace(
+        traces=lambda _: [white], model=SimpleNamespace(outputs=("yaw_rate", "vy")), _measured=[np.zeros_like(white)],
+        masks=[np.ones_like(white, dtype=bool)],
+    )  # fmt: skip
+    noise = Problem.spread(problem, np.zeros(0))
+    assert noise["yaw_rate"] == pytest.approx(1.0, rel=0.02)
+    assert noise["vy"] == pytest.approx(((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5, rel=0.05)
 
 
 def weave(seed, late):

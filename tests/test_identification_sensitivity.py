@@ -14,6 +14,7 @@ from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.sensitivity import assumption_effects, expected_square
 from mirdrake.identification.estimators.solve import solve
+from mirdrake.identification.identifiability import CALIBRATION
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.models.base import Assumption, Segment
 from mirdrake.identification.models.registry import make_model
@@ -157,7 +158,7 @@ def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
         parameter = fitted_model[name]
         assert parameter.sigma_model == pytest.approx(0.02 * parameter.value, rel=0.02)
-        assert parameter.sigma == pytest.approx(math.hypot(parameter.sigma_noise, parameter.sigma_model))
+        assert parameter.sigma == pytest.approx(CALIBRATION * math.hypot(parameter.sigma_noise, parameter.sigma_model))
         assert parameter.verdict == "identified"
         assert 0.5 * (parameter.high - parameter.low) == pytest.approx(1.96 * parameter.sigma, rel=0.01)
     assert fitted_model["steering_delay"].sigma_model < 0.05 * fitted_model["steering_delay"].sigma_noise

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mirdrake.identification.estimators.shooting import Sensitivity, Shots, make_shots, simulate
+from mirdrake.identification.evidence import effective_samples
 from mirdrake.identification.models.base import Array, Model, Segment
 from mirdrake.identification.parameters import FitParameter
 
@@ -260,18 +261,24 @@ class Problem:
         return np.concatenate((np.array(residuals), rest))
 
     def spread(self, z: Array) -> dict[str, float]:
-        """Return the root mean square of the residuals by output [unit], with outliers limited."""
-        traces, spread = self.traces(z), {}
+        """Return the noise of the outputs [unit]: the root mean square of the residuals, with outliers limited.
+
+        Residuals with a memory count as fewer samples, so their output gets a larger noise, relative to the output with
+        the least memory: an effect that the model lacks in one output must not distort the fit of the others.
+        """
+        traces, spread, memory = self.traces(z), {}, {}
         for i, name in enumerate(self.model.outputs):
             off = np.concatenate([
                 (trace[i] - seen[i])[mask[i]]
                 for trace, seen, mask in zip(traces, self._measured, self.masks, strict=True)
             ])  # fmt: skip
             # Outliers are limited, so that glitches do not inflate the noise.
-            away = np.abs(off)
-            cutoff = 6.0 * float(np.median(away)) if len(off) else 1.0
-            spread[name] = float(np.sqrt(np.mean(np.minimum(away, cutoff) ** 2))) or 1e-9
-        return spread
+            cutoff = 6.0 * float(np.median(np.abs(off))) if len(off) else 1.0
+            off = np.clip(off, -cutoff, cutoff)
+            spread[name] = float(np.sqrt(np.mean(off**2))) or 1e-9
+            memory[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
+        least = min(memory.values())
+        return {name: value * float(np.sqrt(memory[name] / least)) for name, value in spread.items()}
 
 
 def is_continuation(segment: Segment, other: Segment) -> bool:

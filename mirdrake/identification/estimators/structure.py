@@ -111,6 +111,12 @@ def choose_structure(
                 break
         else:
             break
+    # Without one of the effects another may do as well: whether it is needed shows only beside all others.
+    for added in accepted:
+        fewer = [addition for addition in accepted if addition is not added]
+        minimum = _best_start(data, _with_additions(model, settings, fewer), few, best_fit, ())
+        if minimum is not None:
+            tried.append((minimum, cross_validate(minimum, options.loss)))
     notes = tuple(
         f"left open by the study, supported by the training logs: {name} ({gain:.2g} % less cost of prediction)"
         for name, gain in gains.items()
