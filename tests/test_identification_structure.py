@@ -61,7 +61,7 @@ def test_relaxation_is_fitted_where_the_logs_support_it(length):
             assert parameter.sigma < 0.03 * CALIBRATION * parameter.value
             assert abs(parameter.value - TRUTH[name]) < 1.5 * 1.96 * parameter.sigma
         parameter = result["relaxation"]
-        assert parameter.sigma < 0.1 * length
+        assert parameter.sigma < 0.1 * CALIBRATION * length
         assert abs(parameter.value - length) < 1.5 * 1.96 * parameter.sigma
 
 
