@@ -84,9 +84,10 @@ def choose_structure(
     tried = [(best_fit, costs)]
     accepted: list[Addition] = []
     gains: dict[str, float] = {}
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
         # What the gradient promises most is tried first: similar effects, as lag and relaxation, exclude one another.
-        for added in _promising(data, best, best_fit, candidates, options):
+        # A lag or a tyre law that is missing makes all others misleading, so they are tried before and after them.
+        for added in _promising(data, best, best_fit, candidates, options, nonlinear_first=turn == 0):
             # An addition replaces one that sets the same option, such as another tyre law.
             additions = [*(addition for addition in accepted if not {*addition.options} & {*added.options}), added]
             minimum = _best_start(data, _with_additions(model, settings, additions), few, best_fit, added.starts)
@@ -179,11 +180,17 @@ def _has(best: Structure, added: Addition) -> bool:
 
 
 def _promising(
-    data: DataSet, best: Structure, minimum: Minimum, candidates: Sequence[Addition], options: EstimatorOptions
+    data: DataSet,
+    best: Structure,
+    minimum: Minimum,
+    candidates: Sequence[Addition],
+    options: EstimatorOptions,
+    *,
+    nonlinear_first: bool,
 ) -> list[Addition]:
     """Return the additions of which the residuals show traces, the clearest first: Rao's score test.
 
-    Effects that are not linear in their parameters, with initial values of their own, come last.
+    Effects that the gradient does not show come first or last.
     """
     known = known_values(best.settings)
 
@@ -202,8 +209,9 @@ def _promising(
         # q̂² times its information is the score statistic: the gain that a linear fit would have.
         evidence = [entry for assumption in own if (entry := analysis.evidence(assumption)) is not None]
         gain = max((entry.estimate**2 * entry.information for entry in evidence), default=0.0 if omitted else np.inf)
-        if not _has(best, added) and (added.starts or gain > PROMISE):
-            promises.append((0.0 if added.starts else gain, added))
+        is_possible = added.is_nonlinear and bool(own or added.options)
+        if not _has(best, added) and (is_possible or gain > PROMISE):
+            promises.append(((np.inf if nonlinear_first else 0.0) if added.is_nonlinear else gain, added))
     return [added for _, added in sorted(promises, key=lambda entry: -entry[0])]
 
 

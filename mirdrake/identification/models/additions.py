@@ -27,7 +27,8 @@ SATURATED = (
 
 _FREE = Setting(free=True)
 
-STEERING_LAG = Addition("a lag of the steering", {"steering_lag": _FREE})
+STEERING_LAG = Addition("a lag of the steering", {"steering_lag": _FREE}, is_nonlinear=True)
+"""To first order a lag acts as a delay, which is free, so the gradient does not show it."""
 
 
 def is_angle_measured(data: DataSet) -> bool:
@@ -87,7 +88,7 @@ def single_track_additions(
         grip = Setting(free=True, guess=max(DRY_FRICTION, 1.5 * largest / GRAVITY))
         frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in settings}
         for law in ("magic_formula", "fiala"):  # the former stays linear for longer, as measured tyres do
-            yield Addition(f"tyres: {law}", frictions, {"tyres": law}, SATURATED)
+            yield Addition(f"tyres: {law}", frictions, {"tyres": law}, SATURATED, is_nonlinear=True)
 
 
 def _largest_lateral_acceleration(data: DataSet) -> float:

@@ -164,12 +164,14 @@ class Addition(NamedTuple):
         settings: parameters that become free.
         options: model options.
         starts: factors on parameters of further initial values, as the cost may have several minima.
+        is_nonlinear: whether the gradient without the effect does not show that it is needed.
     """
 
     description: str
     settings: Mapping[str, Setting] = MappingProxyType({})
     options: Mapping[str, Any] = MappingProxyType({})
     starts: tuple[Mapping[str, float], ...] = ()
+    is_nonlinear: bool = False
 
 
 class Model(ABC):
