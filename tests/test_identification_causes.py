@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,9 +126,10 @@ def test_models_that_predict_as_well_within_a_standard_error_count_as_uncertaint
     )
     costs = np.full(8, 100.0)
     scatter = np.array([3.0, -3.0, 3.0, -3.0, 3.0, -3.0, 3.0, -3.0])
-    rivals = rivals_of([(best, costs), (other, costs + 1.0 + scatter), (worse, costs + 4.0 + scatter)])
+    trials: list[Any] = [(best, costs), (other, costs + 1.0 + scatter), (worse, costs + 4.0 + scatter)]
+    rivals = rivals_of(trials)
     assert [rival["yaw_inertia"] for rival in rivals] == [2000.0, 2200.0]
-    solution = SimpleNamespace(problem=SimpleNamespace(free=[inertia]), z=np.zeros(1))
+    solution: Any = SimpleNamespace(problem=SimpleNamespace(free=[inertia]), z=np.zeros(1))
     assert between_structures(solution, rivals) == pytest.approx(np.log(1.1) / 2.0**0.5)
     assert between_structures(solution, ()) == 0.0
 
@@ -137,7 +139,7 @@ def test_an_output_with_a_memory_of_its_residuals_gets_less_weight():
     random, memory = np.random.default_rng(0), 0.9
     white = random.normal(size=(2, 100_000))
     white[1] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[1])
-    problem = SimpleNamespace(
+    problem: Any = SimpleNamespace(
         traces=lambda _: [white], model=SimpleNamespace(outputs=("yaw_rate", "vy")), _measured=[np.zeros_like(white)],
         masks=[np.ones_like(white, dtype=bool)],
     )  # fmt: skip
