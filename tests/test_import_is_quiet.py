@@ -131,10 +131,17 @@ def test_the_world_editor_opens_without_plant_and_drawing() -> None:
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
-def test_a_deferred_name_is_found_and_an_unknown_one_is_an_error() -> None:
-    from mirdrake import batched, single_track, viewer, world_checks
+def test_the_report_of_an_identification_comes_without_manoeuvres() -> None:
+    """Their model of Drake, which only the report of a run needs, took 1 s of processor time of each identification."""
+    code = "import sys, mirdrake.report.identification; print('mirdrake.manoeuvres' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("False\n", "")
 
-    for package in (batched, single_track, viewer, world_checks):
+
+def test_a_deferred_name_is_found_and_an_unknown_one_is_an_error() -> None:
+    from mirdrake import batched, report, single_track, viewer, world_checks
+
+    for package in (batched, report, single_track, viewer, world_checks):
         assert all(hasattr(package, name) for name in package.__all__)
         with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'nothing'"):
             _ = package.nothing
