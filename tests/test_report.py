@@ -163,7 +163,7 @@ def test_the_headline_states_the_result(lap_page):
     headline = "".join(re.findall("<h1>(.*)</h1>", lap_page)).replace("\u00a0", " ")
     assert (
         headline
-        == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, mean speed error 0.1 %"
+        == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, mean speed error 0.11 %"
     )
 
 

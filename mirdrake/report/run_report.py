@@ -232,7 +232,7 @@ def _sentence(figures: Mapping[str, float]) -> str:
     if "max_abs_lateral_error_m" in figures:
         parts.append(f"largest lateral error {format_quantity(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
     if "mean_speed_error_percent" in figures:
-        parts.append(f"mean speed error {format_quantity(abs(figures['mean_speed_error_percent']), '%', digits=1)}")
+        parts.append(f"mean speed error {format_quantity(abs(figures['mean_speed_error_percent']), '%', digits=2)}")
     if figures.get("off_road_s"):
         parts.append(f"{format_duration(figures['off_road_s'])} off the road")
     return ", ".join(parts)
