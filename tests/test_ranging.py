@@ -25,7 +25,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.sensors.ranging import beams
-from mirdrake.sensors.ranging.motion import BodyState, body_state, poses_at, rotation_vector, rotations
+from mirdrake.sensors.ranging.motion import BodyState, body_state, poses_at, rotations
 from mirdrake.sensors.ranging.scene import RayScene
 from mirdrake.sensors.ranging.world import ray_world
 from tests.ranging_rigs import Room, cast
@@ -297,7 +297,11 @@ def test_rotation_vectors_and_matrices_belong_together() -> None:
     vectors[:2] = [0.0, 0.0, 0.0], [1e-9, 0.0, 0.0]
     matrices = rotations(vectors)
     assert np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max() < 1e-14
-    assert np.array([rotation_vector(R) for R in matrices]) == pytest.approx(vectors, abs=1e-12)
+    # Between two states that rest, half of the rotation vector has passed after half of the period.
+    for vector, R, half in zip(vectors, matrices, rotations(0.5 * vectors), strict=True):
+        before = BodyState(matrices[5], np.zeros(3), np.zeros(3), np.zeros(3))
+        now = BodyState(matrices[5] @ R, np.zeros(3), np.zeros(3), np.zeros(3))
+        assert np.abs(poses_at(np.array([-0.05]), before, now, 0.1)[0][0] - matrices[5] @ half).max() < 1e-12, vector
 
 
 def test_the_state_of_a_body_survives_as_numbers() -> None:

@@ -12,6 +12,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.core.compiled import compiled
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.sensors.ranging.faces import Array, Bools, Faces, Ints
 
@@ -77,6 +78,10 @@ class RayScene:
         if self._embree is None or count == 0:
             return distance, np.full(count, -1)
         face = self._first(origins - self.centre, directions, far)
+        # Most scenes have flat faces only, and none that a ray meets edge-on.
+        planes = compiled(meet_planes, parts=())
+        if not self._low.size and planes(self._normal, self._offset, origins, directions, face, distance):
+            return distance, face
         rays = np.flatnonzero(face >= 0)
         hit = face[rays]
         # A ray may graze several round shapes one after the other; a few rounds suffice.
@@ -200,6 +205,30 @@ def ray_scene(faces: Faces) -> RayScene:
     if scene is None:
         scene = _scenes[digest.digest()] = RayScene(faces)
     return scene
+
+
+def meet_planes(normal: Array, offset: Array, origins: Array, directions: Array, face: Ints, distance: Array) -> bool:
+    """Write the distances of rays to the planes of the faces that they hit; return whether none is met edge-on.
+
+    Args:
+        normal: unit normals of all faces (m, 3).
+        offset: distances of their planes from the origin along these (m) [m].
+        origins: origins of the rays (n or 1, 3) [m].
+        directions: unit vectors (n, 3).
+        face: number of the face of each ray, -1 for none (n).
+        distance: distances (n) [m]; written where there is a face.
+    """
+    for ray in range(len(directions)):
+        number, start = face[ray], ray if len(origins) > 1 else 0
+        if number < 0:
+            continue
+        x, y, z = normal[number, 0], normal[number, 1], normal[number, 2]
+        towards = x * directions[ray, 0] + y * directions[ray, 1] + z * directions[ray, 2]
+        if abs(towards) < _EDGE_ON:
+            return False
+        from_origin = x * origins[start, 0] + y * origins[start, 1] + z * origins[start, 2]
+        distance[ray] = (offset[number] - from_origin) / towards
+    return True
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -9,6 +9,7 @@ with its mesh. Paint, and the few millimetres by which the ground beside a road 
 
 from collections.abc import Container
 from dataclasses import dataclass
+from functools import cached_property
 from math import hypot
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -19,9 +20,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
 
+from mirdrake.core.compiled import compiled
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.sensors.ranging import motion
 from mirdrake.sensors.ranging.faces import Array, Faces, Ints, joined
-from mirdrake.sensors.ranging.motion import BodyState, poses_at
+from mirdrake.sensors.ranging.motion import BodyState, poses_at, write_pose
 from mirdrake.sensors.ranging.scene import RayScene, ray_scene
 
 if TYPE_CHECKING:
@@ -230,6 +233,12 @@ class _Rays:
     period: float
     far: float
 
+    @cached_property
+    def scratch(self) -> tuple[Ints, Array, Array]:
+        """Arrays for numbers, origins and directions of as many rays, which the bodies use one after the other."""
+        count = len(self.directions)
+        return np.empty(count, np.int64), np.empty((count, 3)), np.empty((count, 3))
+
     def column(self, rays: Ints) -> Ints:
         """Return the column of each ray."""
         return rays // (len(self.directions) // len(self.times))
@@ -260,30 +269,82 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
     away = hypot(*middle.tolist())
     if away - radius > rays.far:
         return
-    if away <= radius:
-        seen = np.arange(len(rays.directions))
-    else:
-        # A ray meets a sphere if the angle to its centre is less than asin(radius / distance).
-        seen = np.flatnonzero(rays.directions @ (middle / away) >= np.sqrt(1.0 - (radius / away) ** 2))
-    if not seen.size:
+    # A ray meets a sphere if the angle to its centre is less than asin(radius / distance); none from within it.
+    axis, least = middle, -np.inf
+    if away > radius:
+        axis, least = middle / away, float(np.sqrt(1.0 - (radius / away) ** 2))
+    # Only the columns of the rays that may hit are interpolated.
+    before = states[0] or now
+    rests = _rests(*states, rays.period, mover.size)
+    seen, starts, directions = rays.scratch
+    count = compiled(aim, parts=motion.PARTS)(
+        rays.directions, rays.origins, rays.times, axis, least, now.numbers(), before.numbers(),
+        states[0] is not None, rests, rays.period, seen, starts, directions,
+    )  # fmt: skip
+    if count == 0:
         return
-    column = rays.column(seen)
-    if _rests(*states, rays.period, mover.size):
-        directions, starts = rays.directions[seen] @ now.R, (rays.origins - now.p) @ now.R
-        starts = starts if len(starts) == 1 else starts[column]
-    else:
-        # Only the columns of the rays that may hit are interpolated.
-        first = int(column.min())
-        times, column = rays.times[first : int(column.max()) + 1], column - first
-        R_WM, p_WM = poses_at(times, *states, rays.period)
-        origins = rays.origins if len(rays.origins) == 1 else rays.origins[first : first + len(times)]
-        # Into the frame of the body, R^T d by einsum: its scene stays fixed there.
-        directions = np.einsum("nij,ni->nj", R_WM[column], rays.directions[seen])
-        starts = np.einsum("nij,ni->nj", R_WM, np.broadcast_to(origins - p_WM, p_WM.shape))[column]
+    seen, directions = seen[:count], directions[:count]
+    starts = starts[: 1 if len(rays.times) == 1 else count]  # all rays of one column have the same
     distance, _ = mover.scene.cast(starts, directions, rays.far)
     nearer = distance < hits.distance[seen]
     seen = seen[nearer]
     hits.distance[seen], hits.thing[seen], hits.body[seen] = distance[nearer], mover.thing, mover.body
+
+
+def aim(
+    directions: Array,
+    origins: Array,
+    times: Array,
+    axis: Array,
+    least: float,
+    now: Array,
+    before: Array,
+    is_known: bool,
+    rests: bool,
+    period: float,
+    seen: Ints,
+    starts: Array,
+    local: Array,
+) -> int:
+    """Write the rays that can meet a body, in its frame at the time of their column, and return their number.
+
+    Args:
+        directions: unit vectors of the rays in the world, column by column (n, 3).
+        origins: origins of the columns, or of all of them (c or 1, 3) [m].
+        times: times of the columns after the sample, 0 or negative (c) [s].
+        axis: direction to the body in the world (3).
+        least: smallest scalar product of such a ray with it.
+        now: present state of the body, as the numbers of a :class:`mirdrake.sensors.ranging.motion.BodyState`.
+        before: state one period ago.
+        is_known: whether that is known.
+        rests: whether the body hardly moves: it then has its present pose at all times.
+        period: time between the two states [s].
+        seen: numbers of the rays (n); written.
+        starts: their origins in the frame of the body (n, 3) [m]; written.
+        local: their directions in it (n, 3); written.
+    """
+    count, rows, pose, start = 0, len(directions) // len(times), now[:12].copy(), np.empty(3)
+    for column in range(len(times)):
+        is_posed = False
+        for ray in range(column * rows, (column + 1) * rows):
+            x, y, z = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+            if x * axis[0] + y * axis[1] + z * axis[2] < least:
+                continue
+            if not is_posed:
+                is_posed = True
+                if not rests:
+                    write_pose(times[column], now, before, is_known, period, pose)
+                origin = column if len(origins) > 1 else 0
+                a, b, c = origins[origin, 0] - pose[9], origins[origin, 1] - pose[10], origins[origin, 2] - pose[11]
+                # Into the frame of the body by R^T: its scene stays fixed there.
+                for k in range(3):
+                    start[k] = pose[k] * a + pose[3 + k] * b + pose[6 + k] * c
+            seen[count] = ray
+            for k in range(3):
+                starts[count, k] = start[k]
+                local[count, k] = pose[k] * x + pose[3 + k] * y + pose[6 + k] * z
+            count += 1
+    return count
 
 
 def _meet_ground(rays: _Rays, hits: Hits) -> None:
