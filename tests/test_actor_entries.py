@@ -102,7 +102,7 @@ def test_objects_on_crossing_paths_are_those_of_an_exhaustive_search(monkeypatch
 
     def found() -> Any:
         objects = np.zeros(len(bodies) * len(table.lanes), OBJECT).view(np.recarray)
-        count = fill(table, shape, np.empty(0, STATE).view(np.recarray), bodies, objects)
+        count = fill(table, shape, np.arange(len(bodies)), np.empty(0, STATE).view(np.recarray), bodies, objects)
         return objects[:count]
 
     near = found()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import Context
 
-from mirdrake.core.errors import ConfigError
 from mirdrake.runs.simulation import Simulation
 from mirdrake.worlds import load_world
 from mirdrake.worlds.lock import lock_text
@@ -105,9 +104,3 @@ def test_lock_files_have_no_key_for_the_default(tmp_path: Path) -> None:
     assert texts[0] == texts[1]
     assert "body: solid" not in texts[0]
     assert "body: solid" in texts[2]
-
-
-def test_a_full_vehicle_is_no_actor(tmp_path: Path) -> None:
-    car = {"actor": "sedan", "name": "car", "path": [[14, 0], [40, 0]], "body": "full"}
-    with pytest.raises(ConfigError, match=r"actors.yaml:\d+: actors.0.body: a full vehicle is an entry of vehicles"):
-        load_world(str(world_file(tmp_path, actors=[car])))

@@ -81,7 +81,8 @@ def test_car_to_car_rear_impacts_have_the_closed_form_speed(speed: float, tmp_pa
 @pytest.mark.slow
 def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
     light = {"controls": ["main@110"], "programme": {"green": 10, "amber": 3, "red": 17}}
-    car = {"actor": "sedan", "on_track": {"track": "main", "s": 10}, "speed": 13.0, "behaviour": {"kind": "idm"}}
+    car = {"actor": "sedan", "on_track": {"track": "main", "s": 10}, "speed": 13.0}
+    car["behaviour"] = {"kind": "idm", "standstill": 1.5}  # also the distance of a stop before the line
     tracks = {"main": {"segments": [{"line": 300}]}}
     data = {"mirdrake": "world/1", "tracks": tracks, "signals": {"light": light}, "actors": [car]}
     world = make_world(data)
@@ -105,14 +106,14 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
         standing = [place for place, speed in zip(places, speeds, strict=True) if speed < 0.05 and place > 60.0]
         if standing:
             stops += 1
-            assert -2.5 < standing[-1] - 110.0 <= 0.0
+            assert -2.0 <= standing[-1] - 110.0 <= 0.0
     assert stops > 20
 
 
 @pytest.mark.slow
-def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_path: Path) -> None:
+def test_a_vehicle_never_passes_red_and_stops_within_two_metres_at_a_hundred_lights(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    lines = [70.0 + 70.0 * i for i in range(7)]
+    lines = [70.0 + 70.0 * i for i in range(100)]
     signals = {
         f"light_{i}": {
             "controls": [f"main@{line}"],
@@ -121,11 +122,14 @@ def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_pa
         }
         for i, line in enumerate(lines)
     }
-    tracks = {"main": {"segments": [{"line": 640}], "width": 4}}
-    world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [2200, 200]})
+    tracks = {"main": {"segments": [{"line": 7150}], "width": 4}}
+    world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [7400, 200]})
     driver = {"kind": "traffic", "track": "main", "speed": 11}
     drive = simulation(world, speed=11.0, start={"x": 5, "y": 0}, control={"ego": driver})
-    run = drive.run(duration=100.0)
+    port = drive.assembly.ports["ego.state"]
+    run = drive.run(
+        duration=2000.0, until=lambda context: port.Eval(port.get_system().GetMyContextFromRoot(context))[0] > 7010.0
+    )
     front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
     time, x, vx = run.signals.index.to_numpy(), run["ego.x"].to_numpy(), run["ego.vx"].to_numpy()
     stops = 0
@@ -138,7 +142,7 @@ def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_pa
         if near.any():
             stops += 1
             assert -2.0 <= float((x[near] + front - line).max()) <= 0.0, light.name
-    assert stops >= 2
+    assert stops > 20
 
 
 def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> None:
@@ -164,7 +168,7 @@ def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> No
 
 def test_a_yield_line_is_closed_for_all_but_the_vehicle_that_closes_it() -> None:
     table: LaneTable = chain(100.0, 100.0)
-    lines = np.array([[0.0, 60.0, 1.0, 50.0, 3.0]])
+    lines = np.array([[0.0, 60.0, 1.0, 50.0, 50.0, 3.0, 0.0]])
 
     def blockers(*middles: float, speed: float = 10.0) -> list[int]:
         objects = np.zeros(10, OBJECT).view(np.recarray)

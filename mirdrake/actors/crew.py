@@ -1,6 +1,6 @@
 """The actors of a world as arrays for the compiled time step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +17,20 @@ from mirdrake.core.compiled import Records, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.worlds import Actor, World
+from mirdrake.worlds.actors import FullActor
 from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
+from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.recorded import recorded_rows
+from mirdrake.worlds.yield_lines import YieldLine
 
 _TRIGGERS = {
     "distance": triggers.DISTANCE, "time": triggers.TIME, "past": triggers.PAST, "gap_below": triggers.GAP_BELOW,
     "gap_above": triggers.GAP_ABOVE, "speed_below": triggers.SPEED_BELOW, "speed_above": triggers.SPEED_ABOVE,
 }  # fmt: skip
 _GATE = 1.0  # [m] beyond the edges of the road
+_FASTEST = 20.0  # [m/s] up to which vehicles before a junction are seen in time
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class FullVehicle:
     """index of the quaternion of its base in the positions"""
     velocity: int
     """index of its angular velocity in the state"""
+    min_radius: float = 0.0
+    """smallest radius of the path of its rear axle [m]"""
 
 
 @dataclass(frozen=True)
@@ -69,14 +75,16 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         state_size: elements of the state of the plant.
 
     Raises:
-        ConfigError: a trigger refers to a vehicle or actor that does not exist.
+        ConfigError: a trigger refers to what does not exist, or a full vehicle cannot follow its path.
     """
     lanes, _ = lane_table(world.lanes)
-    actors = world.actors
+    actors = world.moving
 
-    # Numbers as in the compiled step: actors first, then vehicles.
-    objects = {actor.name: number for number, actor in enumerate(actors)}
+    # Numbers as in the compiled step: actors first, then vehicles. The place of a full vehicle is that of its body.
+    objects = {actor.name: number for number, actor in enumerate(world.actors)}
     objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
+    full = {actor.name: len(world.actors) + number for number, actor in enumerate(world.full_actors)}
+    owners = [*range(len(world.actors)), *([-1] * len(full)), *(full.get(name, objects[name]) for name in vehicles)]
     steps: list[list[float]] = []
     # Each behaviour has its own number of settings: rows of equal width hold them all.
     members, numbers, recordings = [], np.zeros((len(actors), NUMBERS)), [np.empty((0, 5))]
@@ -97,23 +105,52 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         if actor.spec.starts is not None:
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
-        members.append(Member(law, actor.spec.speed, actor.min_radius, first, len(steps)))
+        radius = actor.min_radius
+        if isinstance(actor, FullActor):
+            radius = vehicles[actor.name].min_radius
+            check_path(actor, world, radius)
+        members.append(Member(law, actor.spec.speed, radius, first, len(steps)))
     # Sizes of vehicles as well, since gaps are between outlines.
-    shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
+    shapes = [(actor.front, actor.rear, actor.half_width) for actor in world.actors]
+    shapes += [outline_sizes(vehicles[name].volume) for name in full]
     shapes += [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
     crew = Crew(
         records(Member, members),
         numbers,
         np.array(shapes, dtype=float).reshape(-1, 3),
+        np.array(owners, dtype=np.int64),
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
         *stop_lines(world),
-        yield_line_rows(world, {name: number for number, name in enumerate(world.lanes)}),
+        yield_line_rows(
+            (*world.yield_lines, *world.right_of_way),
+            world.lanes,
+            {name: number for number, name in enumerate(world.lanes)},
+        ),
         np.vstack(recordings),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
 
 
-def road_on_path(world: World, actor: Actor) -> tuple[float, float]:
+def check_path(actor: FullActor, world: World, radius: float) -> None:
+    """Check that a full vehicle can follow its own path.
+
+    Args:
+        actor: the actor.
+        world: its world.
+        radius: smallest radius of the path of its rear axle [m].
+
+    Raises:
+        ConfigError: the path has tighter bends.
+    """
+    tightest = 1.0 / max(float(np.abs(world.lanes[actor.lane].curvature).max()), 1e-9)
+    if actor.spec.path is not None and tightest < radius:
+        raise ConfigError(
+            f"{where(actor.spec, 'path')}: bends of {tightest:.1f} m radius; the smallest radius of {actor.model} is "
+            f"{radius:.2f} m; give a larger radius"
+        )
+
+
+def road_on_path(world: World, actor: Actor | FullActor) -> tuple[float, float]:
     """Return begin and end of the first road that the path of an actor crosses [m]; equal without one."""
     path = world.lanes[actor.lane]
     roads = shapely.union_all([lane.area for lane in world.lanes.values() if lane.kind != "path"])
@@ -139,30 +176,57 @@ def stop_lines(world: World) -> tuple[Array, Array]:
     return table, np.array(programmes, dtype=float).reshape(-1, 4)
 
 
-def yield_line_rows(world: World, numbers: Mapping[str, int]) -> Array:
-    """Return the yield lines on some lanes (k, 5); see :func:`mirdrake.actors.occupancy.fill_yield_lines`.
+def yield_line_rows(lines: Sequence[YieldLine], lanes: Mapping[str, Lane], numbers: Mapping[str, int]) -> Array:
+    """Return yield lines on some lanes (k, 7); see :func:`mirdrake.actors.occupancy.fill_yield_lines`.
+
+    There is a row for each lane from which vehicles come to a place of conflict within the gap.
 
     Args:
-        world: the world.
-        numbers: numbers of the lanes by id, with those that have priority.
+        lines: the yield lines.
+        lanes: lanes of the world by id.
+        numbers: numbers of some of them by id, with those that have priority.
     """
     rows = [
-        (numbers[lane], s, numbers[other], place, one.gap)
-        for one in world.yield_lines
+        (numbers[lane], s, numbers[before], begin, end, one.gap, distance)
+        for one in lines
         for lane, s in one.lines
         if lane in numbers
-        for other, place in one.conflicts
+        for other, begin, end in one.conflicts
+        for before, distance in _ways_to(other, lanes, one.gap * _FASTEST if one.approaches else 0.0, lane)
+        if before in numbers
     ]
-    return np.array(rows, dtype=float).reshape(-1, 5)
+    return np.array(rows, dtype=float).reshape(-1, 7)
+
+
+def _ways_to(lane: str, lanes: Mapping[str, Lane], far: float, without: str) -> Iterator[tuple[str, float]]:
+    """Yield a lane and those before it up to a distance [m], each with the distance from its begin to that of the lane.
+
+    Args:
+        lane: id of the lane.
+        lanes: lanes by id.
+        far: the distance.
+        without: a lane; those before it are its own approach, and left out.
+    """
+    seen, waiting = {without, *lanes[without].predecessors} - {lane}, [(lane, 0.0)]
+    while waiting:
+        name, distance = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        yield name, distance
+        if distance < far:
+            waiting += [
+                (before, distance + lanes[before].length) for before in lanes[name].predecessors if before in lanes
+            ]
 
 
 def start_states(world: World, lanes: LaneTable) -> Records:
-    """Return the states of the actors at the start (n)."""
+    """Return the states of the actors at the start, then those of the full vehicles among them (n)."""
     numbers = {name: number for number, name in enumerate(world.lanes)}
     # Fields are attributes here as in compiled code, because Python calls the same `set_pose`.
     lanes = LaneTable(*(table.view(np.recarray) for table in lanes))
-    rows = np.zeros(len(world.actors), STATE).view(np.recarray)
-    for row, actor in zip(rows, world.actors, strict=True):
+    rows = np.zeros(len(world.moving), STATE).view(np.recarray)
+    for row, actor in zip(rows, world.moving, strict=True):
         moves = actor.spec.starts is None
         row.lane, row.s, row.offset, row.old = numbers[actor.lane], actor.s, actor.offset, -1.0
         # The side of a gate is unknown until the first step; nothing is ahead until it has been searched.

@@ -3,6 +3,9 @@
 import math
 from typing import Final, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from mirdrake.actors.lanes import LaneTable, foot, is_beyond, nearest_node, project, wrapped
 from mirdrake.core.compiled import Records, record_type
 from mirdrake.worlds.pieces import Array
@@ -44,7 +47,9 @@ _CLEAR = 2.0  # [m] before and behind a vehicle with priority that must be free
 _EVERYWHERE = 1e9  # [m] offset of the sides of an object that counts on the whole width of its lane
 
 
-def fill(t: LaneTable, shape: Array, now: Records, vehicles: Array, objects: Records) -> int:
+def fill(
+    t: LaneTable, shape: Array, owners: npt.NDArray[np.int64], now: Records, vehicles: Array, objects: Records
+) -> int:
     """Write all objects on lanes; return their number.
 
     An actor is on its lane, and during a lane change on both lanes. Vehicles are on every lane that they touch, and so
@@ -53,12 +58,15 @@ def fill(t: LaneTable, shape: Array, now: Records, vehicles: Array, objects: Rec
     Args:
         t: lanes.
         shape: front, rear [m], half of the width [m] of the actors, then of the vehicles (n + m, 3).
+        owners: number as an object of each actor and vehicle (n + m); -1: none, as its body is a vehicle.
         now: states of the actors (n).
         vehicles: x, y, yaw, vx, vy of the vehicles (m, 5) [m, rad, m/s].
         objects: :class:`OnLane`; written.
     """
     count, n = 0, len(now)
     for i in range(n):
+        if owners[i] < 0:
+            continue
         front, rear, half_width = shape[i, 0], shape[i, 1], shape[i, 2]
         lane = int(now[i].lane)
         count = _put(objects, count, lane, i, now[i].s + 0.5 * (front - rear), 0.5 * (front + rear), now[i].v)
@@ -70,6 +78,8 @@ def fill(t: LaneTable, shape: Array, now: Records, vehicles: Array, objects: Rec
             count = _put(objects, count, old, i, s + 0.5 * (front - rear), 0.5 * (front + rear), now[i].v)
     # Other lanes, of actors and vehicles.
     for i in range(n + len(vehicles)):
+        if owners[i] < 0:
+            continue
         if i < n:
             mine, x, y, yaw, vx, vy = int(now[i].lane), now[i].x, now[i].y, now[i].yaw, now[i].vx, now[i].vy
         else:
@@ -86,7 +96,7 @@ def fill(t: LaneTable, shape: Array, now: Records, vehicles: Array, objects: Rec
                 continue
             box = t.lanes[lane].box
             if box[0] - reach <= x <= box[2] + reach and box[1] - reach <= y <= box[3] + reach:
-                count = _touch(t, lane, i, x, y, yaw, vx, vy, half, half_width, reach, objects, count)
+                count = _touch(t, lane, owners[i], x, y, yaw, vx, vy, half, half_width, reach, objects, count)
     return count
 
 
@@ -204,13 +214,14 @@ def fill_yield_lines(t: LaneTable, lines: Array, objects: Records, count: int) -
 
     Args:
         t: lanes.
-        lines: lane and station of each line [m], lane and station of its conflict [m], gap [s] (k, 5).
+        lines: lane and station of each line [m]; a lane to its conflict, begin and end of that [m], gap [s], distance
+            from the begin of the lane to that of the lane of the conflict [m] (k, 7).
         objects: objects on lanes.
         count: their number.
     """
     known = count
     for k in range(len(lines)):
-        lane, place = int(lines[k, 2]), lines[k, 3]
+        lane, place, size = int(lines[k, 2]), lines[k, 3] + lines[k, 6], lines[k, 4] - lines[k, 3]
         first = -1
         for j in range(known):
             one = objects[j]
@@ -221,7 +232,7 @@ def fill_yield_lines(t: LaneTable, lines: Array, objects: Records, count: int) -
             rest = place - one.middle
             if t.lanes[lane].closed == 1:
                 rest = (rest + left) % t.lanes[lane].length - left
-            if rest < -left or rest - left > max(one.speed, 0.0) * lines[k, 4]:
+            if rest + size < -left or rest - left > max(one.speed, 0.0) * lines[k, 5]:
                 continue
             # Nobody waits for itself; two objects close the line for everyone.
             if count < len(objects):

@@ -58,9 +58,9 @@ class RoadAhead(LeafSystem):
         # Behind them, those to which it yields.
         for one in world.yield_lines:
             if any(lane in own for lane, _ in one.lines):
-                own |= {lane: world.lanes[lane] for lane, _ in one.conflicts}
+                own |= {lane: world.lanes[lane] for lane, _, _ in one.conflicts}
         self._lanes, numbers = lane_table(own)
-        self._yield_lines = yield_line_rows(world, numbers)
+        self._yield_lines = yield_line_rows(world.yield_lines, world.lanes, numbers)
         self._bodies = Bodies(state_size, tuple(vehicles.values()))
         self._me = list(vehicles).index(name)
         # Vehicles first, then actors: the order of the numbers in the compiled step.
@@ -125,7 +125,7 @@ def look_ahead(
         shape: front, rear and half of the width of all objects (n, 3) [m].
         objects: x, y, yaw, vx, vy of all objects (n, 5) [m, rad, m/s].
         me: number of the vehicle among them.
-        yield_lines: yield lines (k, 5).
+        yield_lines: yield lines (k, 7).
     """
     x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
     front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
@@ -142,7 +142,7 @@ def look_ahead(
         len(objects) * len(t.lanes) + 2 * len(yield_lines), occupancy.OBJECT
     )  # each object can touch every lane once
     # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
-    count = fill(t, shape, np.empty(0, STATE), objects, on_lanes)
+    count = fill(t, shape, np.arange(len(objects)), np.empty(0, STATE), objects, on_lanes)
     gap, speed, _ = ahead(
         t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on_lanes, count
     )

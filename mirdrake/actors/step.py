@@ -4,6 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from mirdrake.actors import lanes, motion, occupancy, triggers, walkers
 from mirdrake.actors import laws as accelerations
@@ -41,7 +42,7 @@ class Member(NamedTuple):
 
 
 class Crew(NamedTuple):
-    """Everything about the actors that does not change, in the order of their names."""
+    """Everything about the actors that does not change: those of the world, then the full vehicles among them."""
 
     members: Records
     """:class:`Member` (n)"""
@@ -49,6 +50,8 @@ class Crew(NamedTuple):
     """parameters of the behaviours (n, 12)"""
     shape: Array
     """front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m]"""
+    owners: npt.NDArray[np.int64]
+    """number as an object of each actor and vehicle, see :func:`mirdrake.actors.occupancy.fill` (n + m)"""
     steps: Array
     """steps of all scenarios (k, columns)"""
     stops: Array
@@ -56,7 +59,7 @@ class Crew(NamedTuple):
     programmes: Array
     """durations of green, amber, red and the offset of each light (p, 4) [s]"""
     yield_lines: Array
-    """yield lines, see :func:`mirdrake.actors.occupancy.fill_yield_lines` (w, 5)"""
+    """yield lines, see :func:`mirdrake.actors.occupancy.fill_yield_lines` (w, 7)"""
     recordings: Array
     """samples of the recorded actors, see :func:`mirdrake.actors.behaviours.recorded.replay_all` (r, 5)"""
 
@@ -164,20 +167,45 @@ def move(t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records
     # The lane change is complete: the actor occupies only its new lane from now on.
     if row.span > 0.0 and row.done >= row.span:
         row.span, row.done, row.old = 0.0, 0.0, -1.0
+    if not enter_next_lanes(t, row) and row.v > 0.0:
+        row.v = 0.0
+
+    # Once more: lane and station may have changed since the last call, and WZ and the velocity depend on row.v.
+    set_pose(t, row)
+
+
+def enter_next_lanes(t: LaneTable, row: Any) -> bool:
+    """Put an actor beyond the end of its lane onto the next lanes, else at the end; return whether there is a lane."""
+    lane = int(row.lane)
     # More than one lane may end within a step, because lanes of networks can be shorter than it.
     while row.s >= t.lanes[lane].length:
         following = t.lanes[lane].successors[0]
         if following < 0:
             row.s = t.lanes[lane].length
-            if row.v > 0.0:
-                row.v = 0.0
-            break
+            return False
         row.s -= t.lanes[lane].length
         lane = following
         row.lane = lane
+    return True
 
-    # Once more: lane and station may have changed since the last call, and WZ and the velocity depend on row.v.
+
+def go_on(t: LaneTable, rows: Records, distance: float) -> float:
+    """Move an actor on along its path; return the curvature there [1/m].
+
+    Args:
+        t: lanes.
+        rows: its state (1); changed.
+        distance: along the path [m].
+    """
+    row = rows[0]
+    # At unit speed, the yaw rate is the curvature.
+    row.v = 1.0
+    rate = set_pose(t, row)
+    row.s += rate * distance
+    row.done = min(row.done + rate * distance, row.span)
+    enter_next_lanes(t, row)
     set_pose(t, row)
+    return float(row.wz)
 
 
 def change_lanes(
@@ -342,7 +370,7 @@ class TimeStep:
         self._objects = np.empty(most + 2 * len(crew.yield_lines), occupancy.OBJECT)  # scratch of a time step
         laws = set(crew.members["law"].tolist())
         common = (*lanes.PARTS, *motion.PARTS, *occupancy.PARTS)
-        on_lanes = (move, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
+        on_lanes = (move, enter_next_lanes, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
         self._fill = compiled(fill, parts=common)
         self._fill_lines = compiled(fill_lines, parts=common) if len(crew.stops) else None
         self._yield = compiled(fill_yield_lines, parts=common) if len(crew.yield_lines) else None
@@ -363,7 +391,7 @@ class TimeStep:
             after: states after the step (n); written.
         """
         t, crew, objects = self._t, self._crew, self._objects
-        count = self._fill(t, crew.shape, now, vehicles, objects)
+        count = self._fill(t, crew.shape, crew.owners, now, vehicles, objects)
         if self._fill_lines is not None:
             count = self._fill_lines(crew.stops, crew.programmes, time, objects, count)
         if self._yield is not None:

@@ -9,12 +9,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import FramePoseVector
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from mirdrake.actors import lanes, motion
+from mirdrake.actors.behaviours import recorded
 from mirdrake.actors.crew import FullVehicle, make_crew, start_states
 from mirdrake.actors.motion import STATE
-from mirdrake.actors.step import TimeStep
+from mirdrake.actors.step import TimeStep, enter_next_lanes, go_on
 from mirdrake.core.compiled import Records, compiled
 from mirdrake.core.leaf_system import LeafSystem
-from mirdrake.core.signals import Signal, Signals, declare_vector_output
+from mirdrake.core.signals import Signal, Signals, declare_vector_output, signals
 from mirdrake.plant.actors import ActorsInScene
 from mirdrake.worlds import World
 from mirdrake.worlds.pieces import Array
@@ -30,6 +32,18 @@ RECORDED = (
     ("lane", ""), ("gap", "m"), ("braking_limit", ""),
 )  # fmt: skip
 """Signals of an actor that a run records."""
+
+PREVIEW = 0.3
+"""Time by which the driver of a full vehicle looks ahead for bends [s]."""
+
+MOTION = signals(
+    ("x", "m"), ("y", "m"), ("yaw", "rad"), ("speed", "m/s"), ("acceleration", "m/s^2"),
+    ("curvature", "1/m"), ("curvature_ahead", "1/m"),
+)  # fmt: skip
+"""Motion of an actor that the driver of a full vehicle follows: pose of its frame A in W, speed and acceleration, and
+the curvature of its path here and where it is after :data:`PREVIEW` at this speed."""
+
+_CRAWL = 0.1  # [m/s] below which a recorded path has no curvature
 
 
 def actor_signals(names: Sequence[str], contents: Sequence[tuple[str, str]]) -> Signals:
@@ -50,6 +64,7 @@ class Traffic(LeafSystem):
         signals (9 n): :data:`RECORDED` of each actor.
         poses: FramePoseVector of the frames A.
         desired (6 k): x, y, yaw of all solid actors after the next step of the plant, then their rates now.
+        motion_<name> (7): :data:`MOTION` of each actor that is a full vehicle.
 
     Args:
         world: the world.
@@ -60,7 +75,8 @@ class Traffic(LeafSystem):
         always: whether `poses` are those of the present time, as cameras need, or those of the last update.
 
     Attributes:
-        names: names of the actors in their order.
+        names: names of the actors in their order, without the full vehicles.
+        motions: ports of the motions of the full vehicles by name.
 
     Raises:
         ConfigError: a trigger refers to a vehicle or actor that does not exist.
@@ -79,11 +95,14 @@ class Traffic(LeafSystem):
         super().__init__()
         self.names = tuple(actor.name for actor in world.actors)
         self._scene, self._is_continuous, self._plant_step = scene, always, plant_step
-        lanes, crew, self._bodies = make_crew(world, vehicles, state_size)
-        self._step = TimeStep(lanes, crew)
+        self._lanes, crew, self._bodies = make_crew(world, vehicles, state_size)
+        self._step = TimeStep(self._lanes, crew)
+        self._go_on = compiled(go_on, parts=(enter_next_lanes, *lanes.PARTS, *motion.PARTS))
+        self._is_recorded = crew.members["law"] == recorded.LAW
         self._between = compiled(write_planar, parts=_PARTS)
         self._record = compiled(write_recorded, parts=_PARTS)
-        start = start_states(world, lanes)
+        start = start_states(world, self._lanes)
+        self._all = len(start)
         numbers = start.view(float)
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
         # The first update is at t = -PERIOD, formally: until the one at t = 0, outputs are those of the end, the start.
@@ -108,12 +127,22 @@ class Traffic(LeafSystem):
         rows = [len(PLANAR) * i for i in solid]
         self._solid = np.array([row + k for part in (0, 3) for row in rows for k in range(part, part + 3)], dtype=int)
         self.desired = self.DeclareVectorOutputPort("desired", len(self._solid), self._calc_desired, set(needs))
+        self.motions = {
+            actor.name: declare_vector_output(
+                self,
+                f"motion_{actor.name}",
+                MOTION,
+                lambda context, output, number=number: self._calc_motion(context, output, number),
+                prerequisites=needs,
+            )
+            for number, actor in enumerate(world.full_actors, start=len(self.names))
+        }
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
 
     def _rows(self, context: Context) -> tuple[float, Records, Records]:
         """Return the time of the last update [s], and the states then and 20 ms later (n)."""
         values = context.get_discrete_state(self._state).value()
-        return float(values[0]), *values[1:].view(STATE).reshape(2, len(self.names))
+        return float(values[0]), *values[1:].view(STATE).reshape(2, self._all)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         _, _, now = self._rows(context)
@@ -131,6 +160,7 @@ class Traffic(LeafSystem):
     def _planar(self, context: Context, share: float | None = None) -> Array:
         """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""
         time, before, after = self._rows(context)
+        before, after = before[: len(self.names)], after[: len(self.names)]
         planar = np.empty((len(self.names), len(PLANAR)))
         self._between(before, after, _share(context, time) if share is None else share, planar)
         return planar
@@ -151,9 +181,23 @@ class Traffic(LeafSystem):
 
     def _calc_signals(self, context: Context, output: BasicVector) -> None:
         time, before, after = self._rows(context)
+        before, after = before[: len(self.names)], after[: len(self.names)]
         rows = np.empty((len(self.names), len(RECORDED)))
         self._record(before, after, _share(context, time), rows)
         output.SetFromVector(rows.ravel())
+
+    def _calc_motion(self, context: Context, output: BasicVector, number: int) -> None:
+        time, before, after = self._rows(context)
+        before, after = before[number : number + 1], after[number : number + 1].copy()
+        rows, u = np.empty((1, len(RECORDED))), _share(context, time)
+        self._record(before, after, u, rows)
+        place, (speed, acceleration, rate) = rows[0, :3], rows[0, 3:6].tolist()
+        if self._is_recorded[number]:  # the path of a recording is for maps; the motion has its own yaw rates
+            here = ahead = rate / speed if speed > _CRAWL else 0.0
+        else:
+            here = self._go_on(self._lanes, after, (u - 1.0) * PERIOD * speed)
+            ahead = self._go_on(self._lanes, after, PREVIEW * speed)
+        output.SetFromVector([*place, speed, acceleration, here, ahead])
 
     def _calc_poses(self, context: Context, value: AbstractValue) -> None:
         always = None if self._is_continuous else 0.0

@@ -28,7 +28,7 @@ from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.assembly.parts.actors import TRAFFIC, add_traffic
 from mirdrake.assembly.parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
-from mirdrake.assembly.parts.places import check_starts, find_start
+from mirdrake.assembly.parts.places import check_starts, find_start, start_of_actor
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
 from mirdrake.assembly.parts.taps import Tap, add_taps
 from mirdrake.assembly.parts.vehicles import add_vehicle_systems
@@ -219,11 +219,16 @@ def assemble(
     scene = make_scene(spec) if scene is None else scene
     world, vehicles = scene.world, scene.vehicles
     starts = {name: find_start(spec, name, world) for name in spec.vehicles}
+    starts |= {actor.name: start_of_actor(actor, world) for actor in world.full_actors}
     check_starts(spec, vehicles, starts)
     for key in ("control", "sensors"):
         for name in getattr(spec, key):
             if name not in vehicles:
                 raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
+            if key == "control" and name not in spec.vehicles:
+                raise ConfigError(
+                    f"{where(spec, key, name)}: '{name}' is an actor of the world, which moves by its behaviour"
+                )
     # A name with dots is that of a block of a control unit.
     for name in spec.systems:
         vehicle, dot, _ = name.partition(".")

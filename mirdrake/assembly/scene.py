@@ -30,7 +30,7 @@ from pydrake.geometry import Convex
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import MirdrakeError, RunError
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, display_path, validate, where
@@ -116,13 +116,20 @@ def make_scene(spec: DiagramSpec, vehicles: Mapping[str, Vehicle] | None = None)
 
     Args:
         spec: the diagram.
-        vehicles: its vehicles by name, if they are loaded already.
+        vehicles: its vehicles by name, if they are loaded already; those of the world's actors are loaded here.
 
     Raises:
         ConfigError, ModelError, WorldError: what is wrong, on one line each.
     """
     world = spec.world.load(where=where(spec, "world"))
-    return Scene(world, dict(vehicles or {name: load_vehicle_of(spec, name) for name in spec.vehicles}))
+    loaded = dict(vehicles or {name: load_vehicle_of(spec, name) for name in spec.vehicles})
+    for actor in world.full_actors:
+        if actor.name in spec.vehicles:
+            raise ConfigError(
+                f"{where(actor.spec, 'name')}: '{actor.name}' is the name of a vehicle of the diagram; rename the actor"
+            )
+        loaded[actor.name] = load_vehicle(actor.model, where=where(actor.spec, "actor"))
+    return Scene(world, loaded)
 
 
 def load_vehicle_of(spec: DiagramSpec, name: str) -> Vehicle:

@@ -10,7 +10,7 @@ from mirdrake.editor.elements import BODY, Change, Handle, LockedError, Outline,
 from mirdrake.editor.layouts import Points
 from mirdrake.editor.values import lock_reason, plain_number, write_number
 from mirdrake.worlds.actor_entries import split_condition
-from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.actors import Actor, FullActor
 from mirdrake.worlds.actors_spec import Condition
 from mirdrake.worlds.world import World
 
@@ -18,14 +18,14 @@ _LEAST_SPACING = 1.0  # [m] of a row under the mouse
 _CORNERS = 64  # of a circle
 
 
-def actors_of(world: World, entry: int) -> list[Actor]:
+def actors_of(world: World, entry: int) -> list[Actor | FullActor]:
     """Return the actors that an entry of the file makes, the first one of a row first."""
-    by_name = {actor.name: actor for actor in world.actors}
+    by_name = {actor.name: actor for actor in world.moving}
     specs = zip(world.spec.actors, world.actor_entries, strict=True)
     return [by_name[spec.name] for spec, number in specs if number == entry]
 
 
-def pose_of(world: World, actor: Actor) -> tuple[float, float, float]:
+def pose_of(world: World, actor: Actor | FullActor) -> tuple[float, float, float]:
     """Return x [m], y [m] and yaw [rad] of the frame of an actor at the start."""
     x, y, yaw = world.lanes[actor.lane].pose(actor.s, actor.offset)
     return float(x), float(y), float(yaw)
@@ -140,7 +140,7 @@ def decorations(path: Path, data: Mapping[str, Any], world: World) -> tuple[list
     return handles, outlines
 
 
-def _way(world: World, actor: Actor) -> Outline:
+def _way(world: World, actor: Actor | FullActor) -> Outline:
     """Return the lane or path of an actor from its place on."""
     lane = world.lanes[actor.lane]
     s = np.append(actor.s, lane.s[lane.s > actor.s + 1e-3])
@@ -149,7 +149,7 @@ def _way(world: World, actor: Actor) -> Outline:
 
 
 def _trigger(
-    path: Path, raw: Any, condition: Condition, actor: Actor, world: World, name: str
+    path: Path, raw: Any, condition: Condition, actor: Actor | FullActor, world: World, name: str
 ) -> tuple[Handle, Outline] | None:
     """Return the handle and the outline of a condition that has a place; None for others."""
     x, y, _ = pose_of(world, actor)

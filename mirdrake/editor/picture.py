@@ -25,6 +25,7 @@ from mirdrake.worlds.world import World
 
 _TOLERANCE = 0.02  # [m] of outlines of the ground and roads
 _SMALL = 1.0  # [m], what is smaller is hard to see on the map of a street
+_CAR_HEIGHT = 1.5  # [m] of a full vehicle as it is drawn
 _MOST_FIELDS = 60  # values of an element in the panel
 
 
@@ -73,7 +74,7 @@ def view_of(world: World) -> tuple[float, float, float, float]:
     boxes += [patch.area.bounds for patch in world.patches]
     # Starts are points; a margin makes their vehicles visible.
     boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
-    boxes += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y, _ in (pose_of(world, actor) for actor in world.actors)]
+    boxes += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y, _ in (pose_of(world, actor) for actor in world.moving)]
     boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
     low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
     # A small world is not enlarged beyond 30 m across.
@@ -127,6 +128,14 @@ def _actors(world: World) -> Iterator[Json]:
     for actor in world.actors:
         placed = actor.placed(*pose_of(world, actor))
         yield {**_prop(replace(placed, order=(entries[actor.name],))), "key": f"actors/{entries[actor.name]}"}
+    for full in world.full_actors:
+        x, y, yaw = pose_of(world, full)
+        yield {
+            "name": full.name, "kind": full.model, "key": f"actors/{entries[full.name]}",
+            "d": path_of(full.area(x, y, yaw)), "x": round(x, 4), "y": round(y, 4), "yaw": round(yaw, 5),
+            "top": _CAR_HEIGHT, "color": None, "random": False, "static": False, "length": round(full.length, 3),
+            "small": False,
+        }  # fmt: skip
 
 
 def _centre_line(track: Track) -> Array:

@@ -302,7 +302,8 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
 def _content(world: World, test: CaseSpec, path: Path) -> str:
     """Return the digest of the files that the test consists of."""
     cars: list[CaseSpec | OtherSpec] = [test, *test.others.values()]
-    folders = [find_vehicle(car.vehicle)[0] for car in cars]
+    full = world.full_actors
+    folders = [find_vehicle(name)[0] for name in (*(car.vehicle for car in cars), *(actor.model for actor in full))]
     return input_digest(world, folders, [car.behaviour for car in cars], path.parent)
 
 
@@ -461,7 +462,7 @@ def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str
             yield f"{location}: unknown goal '{goal}'; {hint}"
     for signal in requirement.signals:
         name = signal.removeprefix(GAP)
-        names = [*(actor.name for actor in world.actors), VEHICLE, *test.others]
+        names = [*(actor.name for actor in world.moving), VEHICLE, *test.others]
         if name != signal and name not in names:
             yield f"{location}: there is no vehicle or actor '{name}'; {did_you_mean(name, names)}"
         if signal in TRACK_SIGNALS and not world.tracks:

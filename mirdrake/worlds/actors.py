@@ -7,7 +7,10 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
+import shapely.affinity
 from pydrake.math import RigidTransform, RollPitchYaw
+from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import where
@@ -35,6 +38,7 @@ SHARPEST = 2.0
 """Smallest radius of the path of an actor's rear axle over its wheelbase [-]: a car with 27 degrees of steering."""
 
 _FINE = 0.25  # [m] between the nodes of a path
+_CAR = (4.5, 1.8)  # [m] length and width of a car, for the paths of full vehicles, whose own sizes are not known here
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,57 @@ class Actor:
         return PlacedProp(self.name, self.prop, X_WA @ self.prop_pose, color=self.color)
 
 
+@dataclass(frozen=True)
+class FullActor:
+    """A full vehicle in a world that follows the motion of an actor: its frame A is that at the rear axle."""
+
+    name: str
+    model: str
+    """name of a vehicle, or path of its folder"""
+    lane: str
+    """id of the lane, or of its own path"""
+    s: float
+    """start along the lane [m]"""
+    offset: float
+    """to the left of the middle of the lane [m]"""
+    spec: ActorSpec
+    steps: tuple[Step, ...] = ()
+
+    @property
+    def rear_axle(self) -> float:
+        """Distance of A behind the middle of a car [m], for recordings of the middle."""
+        return 0.5 * WHEELBASE * _CAR[0]
+
+    @property
+    def min_radius(self) -> float:
+        """Smallest radius of its path [m]."""
+        return SHARPEST * WHEELBASE * _CAR[0]
+
+    @property
+    def half_width(self) -> float:
+        """Half of the width of its path [m]."""
+        return 0.5 * _CAR[1]
+
+    @property
+    def length(self) -> float:
+        """Length of a car [m]."""
+        return _CAR[0]
+
+    def area(self, x: float, y: float, yaw: float) -> BaseGeometry:
+        """Return the outline of a car with A at a pose [m, m, rad], for maps."""
+        rear, side = self.rear_axle - 0.5 * self.length, self.half_width
+        box = shapely.box(rear, -side, rear + self.length, side)
+        return shapely.affinity.translate(shapely.affinity.rotate(box, yaw, origin=(0, 0), use_radians=True), x, y)
+
+    def start(self, lane: Lane) -> tuple[float, float, float]:
+        """Return the position of A [m] and its yaw [rad] at the start on its lane."""
+        if self.spec.recorded is not None:
+            _, x, y, yaw, _ = recorded_rows(self.spec, self.rear_axle)[0].tolist()
+            return x, y, yaw
+        x, y, yaw = lane.pose(self.s, self.offset)
+        return float(x), float(y), float(yaw)
+
+
 @lru_cache(maxsize=256)
 def _volume(prop: Prop, rear_axle: float) -> Volume:
     """Return the collision shapes of a prop at a distance ahead of A [m]; cached, as many actors have the same prop."""
@@ -115,8 +170,8 @@ def lay_out_actors(
     tracks: Mapping[str, Track],
     network: Network | None = None,
     props: Mapping[str, Prop] | None = None,
-) -> tuple[tuple[Actor, ...], dict[str, Lane]]:
-    """Return the actors of a world, and their paths as lanes.
+) -> tuple[tuple[Actor, ...], tuple[FullActor, ...], dict[str, Lane]]:
+    """Return the actors of a world, the full vehicles among them, and their paths as lanes.
 
     Args:
         spec: the world file.
@@ -128,7 +183,7 @@ def lay_out_actors(
         ConfigError, WorldError: an entry has a fault.
     """
     if not spec.actors and not spec.scenario:
-        return (), {}
+        return (), (), {}
     lanes = lanes_of_world(spec.tracks, tracks, network)
     return _make_actors(spec.actors, spec.scenario, tracks, lanes, props or {})
 
@@ -139,40 +194,50 @@ def _make_actors(
     tracks: Mapping[str, Track],
     lanes: Mapping[str, Lane],
     props: Mapping[str, Prop],
-) -> tuple[tuple[Actor, ...], dict[str, Lane]]:
-    """Return the actors in the order of their names, and the lanes that are paths of single actors.
+) -> tuple[tuple[Actor, ...], tuple[FullActor, ...], dict[str, Lane]]:
+    """Return the actors and the full vehicles in the order of their names, and the lanes that are their own paths.
 
     Raises:
         ConfigError: a prop, track or lane does not exist, a name is used twice, or a path is too tight.
     """
-    actors: dict[str, Actor] = {}
+    actors: dict[str, Actor | FullActor] = {}
     paths: dict[str, Lane] = {}
+    place: tuple[str, float, float]
     for spec in specs:
         # Names are unique, because scenarios, triggers and signals refer to actors by them.
         if spec.name in actors:
             raise ConfigError(f"{where(spec, 'name')}: '{spec.name}' is used twice; give each actor its own name")
-        # Actors with the same prop share it, so that a prop that was read from a run folder is not looked up again.
-        prop = props.get(spec.name) or load_prop(spec.actor, where=where(spec, "actor"))
-        color = css_color(spec.color, where=where(spec, "color")) if isinstance(spec.color, str) else spec.color
-        steps = tuple(scenario.get(spec.name, ()))
         if spec.on_track is not None:
             lane, s = _on_track(spec.on_track, tracks, lanes)
-            actors[spec.name] = Actor(spec.name, prop, lane.id, s, spec.on_track.offset, spec, steps, color)
+            place = lane.id, s, spec.on_track.offset
         elif spec.on_lane is not None:
-            lane = _lane_of(spec.on_lane, lanes)
-            actors[spec.name] = Actor(spec.name, prop, lane.id, spec.on_lane.s, spec.on_lane.offset, spec, steps, color)
+            place = _lane_of(spec.on_lane, lanes).id, spec.on_lane.s, spec.on_lane.offset
         else:
             # An actor with a path of its own gets a lane that only it uses, so that one law drives all actors.
-            actor = Actor(spec.name, prop, f"path/{spec.name}", 0.0, 0.0, spec, steps, color)
-            paths[actor.lane] = _path(actor) if spec.recorded is None else _recorded_path(actor)
-            actors[spec.name] = actor
+            place = f"path/{spec.name}", 0.0, 0.0
+        steps = tuple(scenario.get(spec.name, ()))
+        actor: Actor | FullActor
+        if spec.body == "full":
+            actor = FullActor(spec.name, spec.actor, *place, spec, steps)
+        else:
+            # Actors with the same prop share it, so that a prop that was read from a run folder is not looked up again.
+            prop = props.get(spec.name) or load_prop(spec.actor, where=where(spec, "actor"))
+            color = css_color(spec.color, where=where(spec, "color")) if isinstance(spec.color, str) else spec.color
+            actor = Actor(spec.name, prop, *place, spec, steps, color)
+        if spec.path is not None:
+            paths[actor.lane] = _path(actor)
+        elif spec.recorded is not None:
+            paths[actor.lane] = _recorded_path(actor)
+        actors[spec.name] = actor
     # A scenario for a misspelt actor would be silently without effect.
     for name, steps_of in scenario.items():
         if name not in actors:
-            place = where(steps_of[0]) if steps_of else "scenario"
-            raise ConfigError(f"{place}: there is no actor '{name}'; {did_you_mean(name, actors)}")
+            location = where(steps_of[0]) if steps_of else "scenario"
+            raise ConfigError(f"{location}: there is no actor '{name}'; {did_you_mean(name, actors)}")
     # Sorted by name: the order in the file has no effect on the simulation.
-    return tuple(actors[name] for name in sorted(actors)), paths
+    ordered = [actors[name] for name in sorted(actors)]
+    props_only = tuple(actor for actor in ordered if isinstance(actor, Actor))
+    return props_only, tuple(actor for actor in ordered if isinstance(actor, FullActor)), paths
 
 
 def _lane_of(spec: OnLaneSpec, lanes: Mapping[str, Lane]) -> Lane:
@@ -208,7 +273,7 @@ def _on_track(spec: OnTrackLaneSpec, tracks: Mapping[str, Track], lanes: Mapping
 # --- paths --------------------------------------------------------------------------------------------------------
 
 
-def _path(actor: Actor) -> Lane:
+def _path(actor: Actor | FullActor) -> Lane:
     """Return the path of one actor as a lane: straights, joined by arcs at its corners.
 
     Raises:
@@ -226,8 +291,7 @@ def _path(actor: Actor) -> Lane:
     radius = actor.min_radius if spec.radius is None else spec.radius
     if radius < actor.min_radius:
         raise WorldError(
-            f"{where(spec, 'radius')}: {radius:g} m; the smallest radius of a {actor.prop.name} is "
-            f"{actor.min_radius:.1f} m"
+            f"{where(spec, 'radius')}: {radius:g} m; the smallest radius of a {spec.actor} is {actor.min_radius:.1f} m"
         )
     # Unwrapped, so that the turn at a corner is the smaller of the two possible ones.
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
@@ -247,7 +311,7 @@ def _path(actor: Actor) -> Lane:
     return replace(lane_along(actor.lane, points, yaw=yaw, width=width), kind="path")
 
 
-def _recorded_path(actor: Actor) -> Lane:
+def _recorded_path(actor: Actor | FullActor) -> Lane:
     """Return the path of a recorded actor.
 
     Raises:
@@ -280,4 +344,21 @@ def _with_arcs(corners: Array, headings: Array, turns: Array, cut: Array, radius
     points, yaw = np.vstack([*parts, corners[-1:]]), np.concatenate([*directions, headings[-1:]])
     # Where two arcs meet without a straight between them, their common point occurs twice.
     distinct = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > 1e-6))
-    return points[distinct], yaw[distinct]
+    return _with_ends(points[distinct], yaw[distinct])
+
+
+def _with_ends(points: Array, yaw: Array) -> tuple[Array, Array]:
+    """Return points and headings with two more points near the ends of each straight.
+
+    The curvature of a lane is interpolated between its points: it changes within the distance between two of them.
+    """
+    legs = np.diff(points, axis=0)
+    lengths = np.hypot(*legs.T)
+    turns = np.abs(np.diff(yaw))
+    if not turns.any():
+        return points, yaw
+    straight = np.flatnonzero((lengths > 3.0 * _FINE) & (turns < 1e-9))
+    steps = _FINE * legs[straight] / lengths[straight, None]
+    more = np.stack((points[straight] + steps, points[straight + 1] - steps), axis=1).reshape(-1, 2)
+    after = np.repeat(straight + 1, 2)
+    return np.insert(points, after, more, axis=0), np.insert(yaw, after, yaw[after - 1])

@@ -1,6 +1,7 @@
 """Part of the world language: actors and the steps of their scenarios.
 
-An actor is a prop that moves by its behaviour; contacts have no effect on its motion::
+An actor is a prop that moves by its behaviour; contacts have no effect on its motion. With `body: full` it is a full
+vehicle, whose driver follows that motion::
 
     actors:
       - {actor: sedan, name: lead, on_track: {track: main, s: 40}, speed: 50 km/h, behaviour: {kind: idm}}
@@ -232,17 +233,10 @@ def _recorded(data: Any) -> Any:
     return {"file": data} if isinstance(data, str) else data
 
 
-def _body(data: Any) -> Any:
-    """Return the kind of a body; a full vehicle has a driver instead of a behaviour, and belongs elsewhere."""
-    if data == "full":
-        raise ValueError("a full vehicle is an entry of vehicles in a diagram, or of others in a test")
-    return data
-
-
 class ActorSpec(Schema):
-    """An actor: a prop that moves along a path or a lane."""
+    """An actor: a prop that moves along a path or a lane, or a full vehicle whose driver follows such a motion."""
 
-    actor: str = Field(min_length=1, description="name of a prop [-]")
+    actor: str = Field(min_length=1, description="name of a prop; with body: full that of a vehicle [-]")
     name: Label = Field(description="its name [-]")
     on_track: OnTrackLaneSpec | None = Field(default=None, description="on a track or a lane of it [-]")
     on_lane: OnLaneSpec | None = Field(default=None, description="on a lane of the network [-]")
@@ -260,8 +254,9 @@ class ActorSpec(Schema):
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
     starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
-    body: Annotated[Literal["ghost", "solid"], BeforeValidator(_body)] = Field(
-        default="ghost", description="ghost: vehicles pass through it; solid: they collide with it [-]"
+    body: Literal["ghost", "solid", "full"] = Field(
+        default="ghost",
+        description="ghost: vehicles pass through it; solid: they collide with it; full: a full vehicle [-]",
     )
     color: tuple[Share, Share, Share] | str | None = Field(
         default=None, description="CSS colour, or red, green, blue, 0 to 1 [-]"
@@ -281,6 +276,10 @@ class ActorSpec(Schema):
             raise ValueError(f"{key} has no effect on a recorded motion; remove it")
         if self.radius is not None and self.path is None:
             raise ValueError("radius belongs to path")
+        if self.body == "full" and self.behaviour.kind == "walk":
+            raise ValueError("walk is a behaviour of pedestrians; a full vehicle has follow, idm or idm_mobil")
+        if self.body == "full" and self.color is not None:
+            raise ValueError("color has no effect on a full vehicle, which has its own colours; remove it")
         return self
 
 

@@ -192,10 +192,10 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     props, unplaced = _make_props(spec, areas, rules, draw, folder)
     for actor in spec.actors:
         read_recording(actor, folder)
-    actors, paths = lay_out_actors(spec, tracks, network)
+    actors, full_actors, paths = lay_out_actors(spec, tracks, network)
     world = World(
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
-        network, paths=paths, actors=actors, actor_entries=actor_entries,
+        network, paths=paths, actors=actors, full_actors=full_actors, actor_entries=actor_entries,
     )  # fmt: skip
     world.lights, world.yield_lines  # noqa: B018 - reports faults of signals and lines
     return world

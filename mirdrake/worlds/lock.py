@@ -25,7 +25,7 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
-from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.actors import Actor, FullActor
 from mirdrake.worlds.lights import LightSpec
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.stored import network_data
@@ -42,7 +42,7 @@ _DECIMALS = 9  # [m, rad]
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 _HEX = re.compile(r"[0-9a-f]{16,}")
 _WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
-_LINES = ("patches", "props", "actors")  # lists with a line for each item
+_LINES = ("patches", "props", "actors", "full_actors")  # lists with a line for each item
 _BLOCKS = ("tracks", "starts", "goals", "files")  # mappings with a line for each item
 
 
@@ -140,6 +140,7 @@ def lock_content(world: World) -> Json:
         **({"signals": _signals(spec.signals)} if spec.signals else {}),
         **({"yield_lines": [_rounded(entry.model_dump()) for entry in spec.yield_lines]} if spec.yield_lines else {}),
         **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
+        **({"full_actors": [_full_actor(actor) for actor in world.full_actors]} if world.full_actors else {}),
     }  # fmt: skip
 
 
@@ -199,13 +200,23 @@ def _actor(actor: Actor) -> Json:
     """Return the entry of one actor."""
     # Without the default of `body`, so that lock files of older worlds remain valid.
     hidden = {"actor", "name", "color"} | ({"body"} if actor.spec.body == "ghost" else set())
+    return {
+        "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
+        **_motion(actor, hidden),
+    }  # fmt: skip
+
+
+def _full_actor(actor: FullActor) -> Json:
+    """Return the entry of one full vehicle of a world."""
+    return {"name": actor.name, "model": actor.model, **_motion(actor, {"actor", "name", "body"})}
+
+
+def _motion(actor: Actor | FullActor, hidden: set[str]) -> Json:
+    """Return where an actor starts, its behaviour and its steps, without some keys."""
     given = actor.spec.model_dump(mode="json", exclude=hidden, exclude_none=True)
     if "recorded" in given:
         given["recorded"]["rows"] = digest(_canonical(given["recorded"]["rows"]))[:16]
-    return {
-        "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
-        **_rounded(given), "steps": [_rounded(step.model_dump(exclude_none=True)) for step in actor.steps],
-    }  # fmt: skip
+    return {**_rounded(given), "steps": [_rounded(step.model_dump(exclude_none=True)) for step in actor.steps]}
 
 
 @lru_cache(maxsize=4096)

@@ -94,10 +94,11 @@ def read_world(
     terrain = make_relief(relief, tracks, path.parent if path is not None else Path.cwd(), network)
     # Actors are laid out again: their paths follow from the specification without random numbers.
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
-    actors, paths = lay_out_actors(spec, tracks, network, of_actors)
+    actors, full_actors, paths = lay_out_actors(spec, tracks, network, of_actors)
     return World(
         paths=paths,
         actors=actors,
+        full_actors=full_actors,
         name=data["name"],
         spec=spec,
         path=path,

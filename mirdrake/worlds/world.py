@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
-from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.actors import Actor, FullActor
 from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
@@ -25,7 +25,7 @@ from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import TrackSpec, WorldSpec
 from mirdrake.worlds.track_lanes import lanes_of_world
 from mirdrake.worlds.tracks import Track
-from mirdrake.worlds.yield_lines import YieldLine, make_yield_lines
+from mirdrake.worlds.yield_lines import YieldLine, make_yield_lines, right_of_way_lines
 
 if TYPE_CHECKING:
     from mirdrake.worlds.rules import Rules
@@ -153,6 +153,8 @@ class World:
     """paths of single actors, by id"""
     actors: tuple[Actor, ...] = ()
     """in the order of their names"""
+    full_actors: tuple[FullActor, ...] = ()
+    """actors that are full vehicles, in the order of their names"""
     actor_entries: tuple[int, ...] = field(default=(), compare=False)
     """for each actor of the specification, the number of its entry in the file"""
 
@@ -170,6 +172,18 @@ class World:
     def yield_lines(self) -> tuple[YieldLine, ...]:
         """Yield lines."""
         return make_yield_lines(self.spec.yield_lines, self.tracks, self.lanes)
+
+    @cached_property
+    def moving(self) -> tuple[Actor | FullActor, ...]:
+        """All actors, the full vehicles among them last."""
+        return (*self.actors, *self.full_actors)
+
+    @cached_property
+    def right_of_way(self) -> tuple[YieldLine, ...]:
+        """Yield lines of the junctions of the network; none without actors on it."""
+        if self.network is None or not {actor.lane for actor in self.moving} & {*self.network.lanes}:
+            return ()
+        return right_of_way_lines(self.network)
 
     @cached_property
     def road_mu(self) -> float:

@@ -1,5 +1,7 @@
 """The actors of a world in a diagram."""
 
+import math
+
 from mirdrake.actors.crew import FullVehicle
 from mirdrake.actors.road_ahead import RoadAhead
 from mirdrake.actors.traffic import Traffic
@@ -17,13 +19,13 @@ TRAFFIC = "traffic"
 
 
 def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic | None:
-    """Add the system of the actors; None in a world without actors.
+    """Add the system of the actors, with the motions that full vehicles follow; None in a world without actors.
 
     Raises:
         ConfigError: an actor has the name of a vehicle, or a trigger refers to a vehicle that does not exist.
     """
     world, plant = parts.world, parts.plant
-    if not world.actors:
+    if not (world.actors or world.full_actors):
         return None
     for actor in world.actors:
         if actor.name in parts.vehicles:
@@ -37,6 +39,8 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
     traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn, plant_step=plant.time_step())
     wiring.add(TRAFFIC, traffic)
     wiring.link(plant.get_state_output_port(), traffic.plant_state)
+    for name, port in traffic.motions.items():
+        wiring.sources[f"{name}.motion"] = (port, signals_of(port))
     if parts.actors.source is not None:
         wiring.link(traffic.poses, parts.scene_graph.get_source_pose_port(parts.actors.source))
     if parts.actors.instance is not None:
@@ -63,6 +67,7 @@ def _full_vehicles(parts: PlantParts) -> dict[str, FullVehicle]:
             volume_of(part.vehicle),
             part.base.floating_positions_start(),
             parts.plant.num_positions() + part.base.floating_velocities_start_in_v(),
+            part.vehicle.geometry.wheelbase / math.tan(part.vehicle.geometry.steering_limit),
         )
         for name, part in parts.vehicles.items()
     }

@@ -9,6 +9,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Start, World
+from mirdrake.worlds.actors import FullActor
 
 
 def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
@@ -23,6 +24,12 @@ def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
         start = world.start(entry.start or next(iter(world.starts)), where=where(spec, "vehicles", name, "start"))
     speed = start.speed if entry.speed is None else entry.speed
     return Start(start.x, start.y, start.yaw, speed, start.track, start.s)
+
+
+def start_of_actor(actor: FullActor, world: World) -> Start:
+    """Return the start of a full vehicle among the actors of a world: at rest if it waits for its start."""
+    speed = 0.0 if actor.spec.starts is not None else actor.spec.speed
+    return Start(*actor.start(world.lanes[actor.lane]), speed)
 
 
 def check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Mapping[str, Start]) -> None:

@@ -10,7 +10,9 @@ from mirdrake.assembly.diagram_spec import SPLIT, DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
 from mirdrake.assembly.parts.control import add_control
 from mirdrake.assembly.wiring import JOIN, Wiring
+from mirdrake.controllers.motion_tracking import MotionTracker
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
@@ -73,12 +75,14 @@ def add_vehicle_systems(
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
     powertrain = _add_powertrain(wiring, parts, part, control)
 
-    if driver_spec is None:
-        return track
-    # A diagram without a driver is driven by signals of the user.
     place = where(spec, "control", name)
-    folder = Path(spec.folder) if spec.folder is not None else None
-    driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
+    if f"{name}.motion" in wiring.sources:  # a full vehicle among the actors of the world
+        driver: LeafSystem = MotionTracker(part.vehicle.geometry)
+    elif driver_spec is not None:
+        folder = Path(spec.folder) if spec.folder is not None else None
+        driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
+    else:  # a diagram without a driver is driven by signals of the user
+        return track
     wiring.add(f"{name}.driver", driver)
     # Sensors of drivers exist only where a driver reads them.
     if driver.HasInputPort("ranges"):

@@ -17,6 +17,7 @@ from mirdrake.worlds.networks import Network
 
 _STEP_RATE = 50.0  # [m/s²] of a change of speed without duration
 _LONGEST = 60.0  # [s] of a lane change
+_NEAR = 0.01  # [m/s] from the new speed, where a change of speed counts as ended
 _BELOW, _ABOVE = {"lessThan", "lessOrEqual"}, {"greaterThan", "greaterOrEqual"}
 _LEAVES = {"Condition", "ByValueCondition", "ByEntityCondition", "EntityCondition"}
 
@@ -38,6 +39,8 @@ class Board:
         ego: name of the ego vehicle, and its name in the world.
         lanes: number of lanes to the left of where an entity begins, after the steps so far.
         referenced: entities that triggers refer to, except the ego vehicle.
+        ends: entity, and trigger of a step when its speed is reached, of each change of speed by the names of its
+            action and its event.
     """
 
     scenario: Scenario
@@ -48,6 +51,7 @@ class Board:
     ego: tuple[str, str]
     lanes: dict[str, int] = field(default_factory=dict)
     referenced: set[str] = field(default_factory=set)
+    ends: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
@@ -125,7 +129,9 @@ def _steps(board: Board, act: Element, event: Element, action: Element, actors: 
     trigger = _trigger(board, act, event, actors[0])
     speed, change = action.find(".//SpeedAction"), action.find(".//LaneChangeAction")
     if speed is not None:
+        before = board.speeds.get(actors[0], 0.0)
         text = _speed_change(board, speed, actors[0])
+        _note_end(board, event, action, actors[0], before)
     elif change is not None:
         text = _lane_change(board, change, actors[0])
     else:
@@ -154,6 +160,8 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
     value, rule = board.scenario.number(leaf, "value", 0.0), leaf.get("rule", "")
     if leaf.tag == "SimulationTimeCondition" and rule in _ABOVE:
         return f"at: {number(max(value, 0.0) + delay)} s"
+    if leaf.tag == "StoryboardElementStateCondition":
+        return _after_action(board, leaf, delay, actor)
     if leaf.tag not in {"RelativeDistanceCondition", "DistanceCondition", "TimeHeadwayCondition"} or rule not in _BELOW:
         raise NotRepresentedError(f"{leaf.tag} {rule} is not a condition of a step")
     # An EntityCondition names its own entity outside of the leaf and the other one inside; the order does not matter.
@@ -176,6 +184,35 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
         speed = max(board.speeds.get(behind, 0.0), 0.1)
         return f"when: {label} within {number(math.hypot(value * speed + boxes, aside) / speed)} s"
     return f"when: {label} within {number(math.hypot(value + boxes, aside))} m"
+
+
+def _note_end(board: Board, event: Element, action: Element, actor: str, before: float) -> None:
+    """Remember the trigger for steps that follow the end of a change of speed from `before` [m/s]."""
+    speed = board.speeds[actor]
+    reached = f"speed > {number(speed - _NEAR)}" if speed > before else f"speed < {number(speed + _NEAR)}"
+    # Names are unique within a storyboard as a rule; of several equal ones the last one counts.
+    for element in (action, event):
+        if element.get("name"):
+            board.ends[element.get("name", "")] = actor, f"when: {reached}"
+
+
+def _after_action(board: Board, leaf: Element, delay: float, actor: str) -> str:
+    """Return the trigger of an event that begins when a change of speed of the same actor has ended.
+
+    Raises:
+        NotRepresentedError: it is another state, element or actor, or there is a delay.
+    """
+    # The name in a reference may have those of the elements around it before it: maneuver::event::action.
+    name = board.scenario.text(leaf, "storyboardElementRef").rpartition("::")[2]
+    states = {"endTransition", "completeState"}
+    if leaf.get("storyboardElementType") not in {"action", "event"} or leaf.get("state") not in states:
+        raise NotRepresentedError("a step begins after an action or event has ended, not in other states")
+    owner, trigger = board.ends.get(name, ("", ""))
+    if owner != actor:
+        raise NotRepresentedError("a step follows a change of speed of its own actor")
+    if delay:
+        raise NotRepresentedError("a condition of a step has no delay")
+    return trigger
 
 
 def _all(trigger: Element | None) -> Iterator[Element]:
