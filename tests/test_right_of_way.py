@@ -87,3 +87,14 @@ def test_dense_traffic_on_two_roads_does_not_overlap(tmp_path: Path) -> None:
     assert len(left) == 10
     assert distance > 0.3
     assert math.isfinite(distance)
+
+
+def test_the_first_to_enter_drives_where_nobody_has_priority(tmp_path: Path) -> None:
+    signs = {d: signal(f"stop{d}", 0.5, "206") for d in (0, 90, 180, 270)}
+    for first, second in (("180.0.1", "270.0.1"), ("270.0.1", "180.0.1")):
+        world = world_of(tmp_path, {"first": (first, 14.0), "second": (second, 4.0)}, signals=signs)
+        assert world.network is not None
+        assert world.network.junctions["J"].rule == "all_way_stop"
+        left, distance = drive(world, 20.0)
+        assert left["first"] < left["second"]
+        assert distance > 0.3

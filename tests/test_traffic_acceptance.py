@@ -111,9 +111,10 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
 
 
 @pytest.mark.slow
-def test_a_vehicle_never_passes_red_and_stops_within_two_metres_at_a_hundred_lights(tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    lines = [70.0 + 70.0 * i for i in range(100)]
+@pytest.mark.parametrize("seed", range(5))
+def test_a_vehicle_at_twenty_lights_never_passes_red_and_stops_within_two_metres(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    lines = [70.0 + 70.0 * i for i in range(20)]
     signals = {
         f"light_{i}": {
             "controls": [f"main@{line}"],
@@ -122,13 +123,13 @@ def test_a_vehicle_never_passes_red_and_stops_within_two_metres_at_a_hundred_lig
         }
         for i, line in enumerate(lines)
     }
-    tracks = {"main": {"segments": [{"line": 7150}], "width": 4}}
-    world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [7400, 200]})
+    tracks = {"main": {"segments": [{"line": 1550}], "width": 4}}
+    world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [1800, 200]})
     driver = {"kind": "traffic", "track": "main", "speed": 11}
     drive = simulation(world, speed=11.0, start={"x": 5, "y": 0}, control={"ego": driver})
     port = drive.assembly.ports["ego.state"]
     run = drive.run(
-        duration=2000.0, until=lambda context: port.Eval(port.get_system().GetMyContextFromRoot(context))[0] > 7010.0
+        duration=2000.0, until=lambda context: port.Eval(port.get_system().GetMyContextFromRoot(context))[0] > 1410.0
     )
     front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
     time, x, vx = run.signals.index.to_numpy(), run["ego.x"].to_numpy(), run["ego.vx"].to_numpy()
@@ -142,7 +143,7 @@ def test_a_vehicle_never_passes_red_and_stops_within_two_metres_at_a_hundred_lig
         if near.any():
             stops += 1
             assert -2.0 <= float((x[near] + front - line).max()) <= 0.0, light.name
-    assert stops > 20
+    assert stops >= 4
 
 
 def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> None:

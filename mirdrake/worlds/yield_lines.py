@@ -79,7 +79,7 @@ def right_of_way_lines(network: Network) -> tuple[YieldLine, ...]:
     """Return yield lines at the entries of junctions, by the right of way of a network.
 
     A vehicle waits for those that have priority, also before the junction, for the time in which it passes the conflict
-    from standstill; and for all others that occupy a place of conflict. Vehicles from one entry follow each other.
+    from standstill; and for all others that occupy a place of conflict: where nobody has priority, the first drives.
     """
     rows: list[YieldLine] = []
     for conflict in network.conflicts:
@@ -98,11 +98,14 @@ def _lines_of(
     if network.lanes[lane].junction is None:
         return
     entry, before = _entry(network, lane)
+    # Vehicles from one approach follow each other.
+    if set(network.lanes[entry].predecessors) & set(network.lanes[_entry(network, other)[0]].predecessors):
+        return
     if (other, lane) in network.priorities:
         # From standstill with constant acceleration: s = a t² / 2.
         time = math.sqrt(2.0 * (before + own[1] + _LENGTH) / _START)
         yield YieldLine(((entry, 0.0),), ((other, *theirs),), min(max(time, _GAPS[0]), _GAPS[1]))
-    elif (lane, other) in network.priorities:
+    else:
         yield YieldLine(((entry, 0.0),), ((other, *theirs),), _OCCUPIED, approaches=False)
 
 
