@@ -1,5 +1,6 @@
 """Follow a track in traffic: keep the distance to the object ahead by the intelligent driver model, obey lights."""
 
+import math
 from typing import Any, Final, Literal
 
 from pydantic import Field
@@ -22,6 +23,7 @@ LEAD: Final = 1.5
 LAG: Final = 8.0
 """Largest deficit [m/s]; full braking needs several m/s."""
 
+_NEXT = 1.0  # [m] by which the distance of a line does not grow, as a vehicle hardly moves backwards
 _UNDECIDED, _STOPS, _GOES = 0.0, 1.0, 2.0
 
 
@@ -34,7 +36,7 @@ class TrafficDriver(PathTracker):
         road_ahead (4) [m, m/s, m, -]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
 
     The acceleration of the intelligent driver model is added up to a speed set-point. At amber it stops if it can at
-    its comfortable deceleration; the decision is kept until green.
+    its comfortable deceleration; the decision is kept until green or the next line.
 
     Args:
         spec: its settings.
@@ -45,7 +47,8 @@ class TrafficDriver(PathTracker):
         super().__init__(*options, **more)
         self._spec, self._numbers = spec, (0.0, *spec.idm().numbers())
         self.road_ahead = declare_vector_input(self, "road_ahead", ROAD_AHEAD)
-        self._decision = self.DeclareDiscreteState([_UNDECIDED])
+        # The decision, and the distance of the line that it is about [m].
+        self._decision = self.DeclareDiscreteState([_UNDECIDED, math.inf])
 
     def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:
         gap, other, line, light = self.road_ahead.Eval(context).tolist()
@@ -59,14 +62,15 @@ class TrafficDriver(PathTracker):
         if not spec.obeys_lights:
             return result
 
-        decision = context.get_discrete_state(self._decision).value().item()
-        if light == GREEN or line > spec.sight:
+        decision, known = context.get_discrete_state(self._decision).value().tolist()
+        # A line that is farther away than the last one is the next line: that one has been passed.
+        if light == GREEN or line > spec.sight or line > known + _NEXT:
             decision = _UNDECIDED
         elif decision == _UNDECIDED:
             needed = stopping_distance(vx, deceleration=self.limits.deceleration, reaction=spec.reaction)
             # At amber it goes only if it cannot stop before the line; at red it always stops.
             decision = _GOES if light == AMBER and needed > line else _STOPS
-        values.set_value(self._decision, [decision])
+        values.set_value(self._decision, [decision, line])
         if decision == _STOPS:
             rest = max(line - spec.line_distance, 0.0)
             result = min(result, brake_speed(rest, deceleration=self.limits.deceleration, reaction=spec.reaction))
