@@ -54,6 +54,12 @@ class Layer(NamedTuple):
         cells: index in `numbers` of the cells of a road.
         cells_x: number of cells along x.
         cells_y: the same along y.
+        table: of a road with a table of heights: index of the first one in `heights`.
+        table_rows: number of its rows along the road; 0: no table.
+        table_columns: number of its columns, from right to left.
+        table_step: spacing of the rows [m].
+        table_right: lateral position of the first column [m].
+        table_width: spacing of the columns [m].
     """
 
     kind: int
@@ -79,6 +85,12 @@ class Layer(NamedTuple):
     cells: int = 0
     cells_x: int = 0
     cells_y: int = 0
+    table: int = 0
+    table_rows: int = 0
+    table_columns: int = 0
+    table_step: float = 1.0
+    table_right: float = 0.0
+    table_width: float = 1.0
 
 
 class TerrainData(NamedTuple):
@@ -306,6 +318,9 @@ def _on_track(
             # Beyond the end the foot does not move, so that height and banking are constant along the road.
             along = 0.0 if past > 0.0 else (rate + n * bank_rate) / (length * bend)
             road = height + n * bank
+            if layer.table_rows != 0:
+                more, rise, tilt = _table(terrain.heights, layer, numbers[p] + t * length, n)
+                road, along, bank = road + more, along + rise / bend, bank + tilt
             weight, change = 1.0, 0.0
             if outside > 0.0:
                 r = outside / layer.a
@@ -335,6 +350,26 @@ def _on_track(
             zx -= sign * slope * ty
             zy += sign * slope * tx
     return z, zx, zy
+
+
+def _table(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) -> tuple[float, float, float]:
+    """Return height and slopes along and across a road of its bilinear table; constant beyond its edges."""
+    row, column = u / layer.table_step, (v - layer.table_right) / layer.table_width
+    inside_u, inside_v = _inside(row, layer.table_rows), _inside(column, layer.table_columns)
+    row, column = min(max(row, 0.0), layer.table_rows - 1.0), min(max(column, 0.0), layer.table_columns - 1.0)
+    # The last node belongs to the cell before it.
+    i, j = min(floor(row), layer.table_rows - 2), min(floor(column), layer.table_columns - 2)
+    p, q = row - i, column - j
+    low = layer.table + i * layer.table_columns + j
+    high = low + layer.table_columns
+    right, left = heights[low] + p * (heights[high] - heights[low]), heights[low + 1]
+    left += p * (heights[high + 1] - left)
+    along = (1.0 - q) * (heights[high] - heights[low]) + q * (heights[high + 1] - heights[low + 1])
+    return (
+        right + q * (left - right),
+        along / layer.table_step * inside_u,
+        (left - right) / layer.table_width * inside_v,
+    )
 
 
 def station_is_end(layer: Any, station: int, t: float) -> bool:
@@ -403,6 +438,7 @@ GROUND_PARTS = (
     _spline_weights,
     _feature,
     _on_track,
+    _table,
     station_is_end,
     _foot,
     _hermite,

@@ -230,6 +230,23 @@ class Kerb:
 
 
 @dataclass(frozen=True)
+class Table:
+    """Heights of a road above its centre line and banking, bilinear.
+
+    Attributes:
+        z: heights [m], rows along the road from its start, columns from right to left.
+        step: spacing of the rows [m].
+        right: lateral position of the first column, positive to the left [m].
+        width: spacing of the columns [m].
+    """
+
+    z: NDArray[Any]
+    step: float
+    right: float
+    width: float
+
+
+@dataclass(frozen=True)
 class Road:
     """Road along a centre line with height and banking.
 
@@ -249,6 +266,7 @@ class Road:
         embankment: length beyond the shoulder over which the road blends into the ground [m].
         kerb: a kerb beside it.
         blends: False adds the kerb only.
+        table: heights above centre line and banking.
     """
 
     s: Array
@@ -266,8 +284,9 @@ class Road:
     embankment: float = 10.0
     kerb: Kerb | None = None
     blends: bool = True
+    table: Table | None = None
 
-    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: D102
         pose = (self.s, self.x, self.y, np.cos(self.yaw), np.sin(self.yaw))
         shape = (self.z, self.slope, self.bank, self.bank_slope, self.left, self.right)
         stations = np.column_stack((*pose, *shape))
@@ -293,11 +312,23 @@ class Road:
             cells_x=size[0],
             cells_y=size[1],
         )
+        grid = _NO_HEIGHTS
+        if self.table is not None:
+            table = self.table
+            grid = np.asarray(table.z, dtype=np.float32).ravel()
+            layer = layer._replace(
+                table=heights,
+                table_rows=table.z.shape[0],
+                table_columns=table.z.shape[1],
+                table_step=table.step,
+                table_right=table.right,
+                table_width=table.width,
+            )
         if kerb is not None:
             layer = layer._replace(
                 c=kerb.height, d=kerb.face, e=kerb.top, f=1.0 if kerb.left else -1.0, g=kerb.begin, h=kerb.end
             )
-        return layer, np.concatenate([stations.ravel(), index]), _NO_HEIGHTS
+        return layer, np.concatenate([stations.ravel(), index]), grid
 
 
 def _index(points: Array, reach: float, first: int) -> tuple[Array, tuple[float, float], tuple[int, int]]:

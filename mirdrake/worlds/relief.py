@@ -29,9 +29,10 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import Angle, Length, Schema, where
 from mirdrake.ground import Terrain
+from mirdrake.ground.crg_files import CrgRoad, read_crg
 from mirdrake.ground.height_files import read_heights
 from mirdrake.ground.roughness import ROUGHNESS, Roughness, RoughnessClass
-from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
+from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Table, Wave
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.network_relief import NetworkRelief
 from mirdrake.worlds.pieces import Array
@@ -46,6 +47,7 @@ FaceAngle = Annotated[Angle, Field(gt=0.0, le=math.radians(80.0))]
 
 _STEEPEST = math.radians(80.0)
 _SPACING = 2.0  # largest distance of the stations of a road [m]
+_CRG_ERROR = 1e-3  # largest distance of a road from its file [m]
 _STEP_LIMIT = 0.02  # largest step of a road's height where two parts of it meet [m]
 
 
@@ -291,6 +293,48 @@ class RoughnessRelief(Schema):
         return list(Roughness(density, self.seed).grids())
 
 
+class CrgRelief(Schema):
+    """A road of an OpenCRG file: heights, slope and banking along a reference line."""
+
+    file: Annotated[str, Field(min_length=1)] = Field(description="OpenCRG file, relative to the world file [-]")
+    at: tuple[Coordinate, Coordinate] | None = Field(
+        default=None, description="x and y of the start of the reference line; by default those of the file [m]"
+    )
+    yaw: Heading | None = Field(default=None, description="its heading there; by default that of the file [rad]")
+    height: Coordinate | None = Field(default=None, description="its height there; by default that of the file [m]")
+    embankment: Annotated[Length, Field(ge=0.1, le=1000.0)] = Field(
+        default=10.0, description="length beside its edges over which it blends into the ground [m]"
+    )
+
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
+        """Return its layers."""
+        road = read_crg(folder / self.file, place=where(self, "file"))
+        first = float(road.phi[0])
+        turn = 0.0 if self.yaw is None else self.yaw - first
+        x, y = (road.x[0], road.y[0]) if self.at is None else self.at
+        dx, dy = road.x - road.x[0], road.y - road.y[0]
+        rise = 0.0 if self.height is None else self.height - float(road.z[0])
+        stations = _crg_stations(road)
+        knots = road.step * stations
+        return [
+            Road(
+                s=knots,
+                x=(x + math.cos(turn) * dx - math.sin(turn) * dy)[stations],
+                y=(y + math.sin(turn) * dx + math.cos(turn) * dy)[stations],
+                yaw=road.phi[stations] + turn,
+                z=road.z[stations] + rise,
+                slope=np.gradient(road.z, road.step)[stations],
+                bank=road.banking[stations],
+                bank_slope=np.gradient(road.banking, road.step)[stations],
+                left=np.full(len(knots), float(road.v[-1])),
+                right=np.full(len(knots), -float(road.v[0])),
+                shoulder=0.0,
+                embankment=self.embankment,
+                table=Table(road.heights, road.step, float(road.v[0]), float(road.v[1] - road.v[0])),
+            )
+        ]
+
+
 class ReliefSpec(Schema):
     """One layer of the ground."""
 
@@ -303,6 +347,7 @@ class ReliefSpec(Schema):
     pothole: PotholeRelief | None = Field(default=None, description="hollow [-]")
     roughness: RoughnessRelief | None = Field(default=None, description="random roughness [-]")
     network: NetworkRelief | None = Field(default=None, description="heights of the lanes of the network [-]")
+    crg: CrgRelief | None = Field(default=None, description="road of an OpenCRG file [-]")
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -332,22 +377,33 @@ def make_relief(
     return Terrain(sources)
 
 
+_FILE_KINDS = ("grid", "crg")  # kinds of layers that read a file
+
+
+def _file_kind(spec: ReliefSpec) -> str:
+    """Return the kind of a layer that reads a file; empty for others."""
+    return next((kind for kind in _FILE_KINDS if getattr(spec, kind) is not None), "")
+
+
 def relief_files(specs: Sequence[ReliefSpec], path: Path | None) -> dict[str, Path]:
     """Return the files of heights, by their names in the world file; `path` as in :func:`relief_content`."""
     folder = path.parent if path is not None else Path.cwd()
-    return {spec.grid.file: folder / spec.grid.file for spec in specs if spec.grid is not None}
+    names = [getattr(spec, kind).file for spec in specs if (kind := _file_kind(spec))]
+    return {name: folder / name for name in names}
 
 
 def in_files(specs: Sequence[ReliefSpec], files: Mapping[str, Path]) -> list[ReliefSpec]:
     """Return entries of `ground.relief` with other files of heights, by their names in the world file."""
-    return [
-        spec
-        if spec.grid is None or spec.grid.file not in files
-        else spec.model_copy(
-            update={"grid": spec.grid.model_copy(update={"file": str(files[spec.grid.file].absolute())})}
-        )
-        for spec in specs
-    ]
+    result = []
+    for spec in specs:
+        kind = _file_kind(spec)
+        layer = getattr(spec, kind) if kind else None
+        if layer is not None and layer.file in files:
+            moved = layer.model_copy(update={"file": str(files[layer.file].absolute())})
+            result.append(spec.model_copy(update={kind: moved}))
+        else:
+            result.append(spec)
+    return result
 
 
 def relief_content(specs: Sequence[ReliefSpec], path: Path | None) -> list[Any]:
@@ -361,8 +417,9 @@ def relief_content(specs: Sequence[ReliefSpec], path: Path | None) -> list[Any]:
     content: list[Any] = []
     for spec in specs:
         data = spec.model_dump(mode="json", exclude_none=True, by_alias=True)
-        if spec.grid is not None:
-            data["grid"]["sha256"] = digest((folder / spec.grid.file).read_bytes())
+        kind = _file_kind(spec)
+        if kind:
+            data[kind]["sha256"] = digest((folder / getattr(spec, kind).file).read_bytes())
         content.append(data)
     return content
 
@@ -387,6 +444,34 @@ def _stations(track: Track, tables: Sequence[float]) -> Array:
     # Exactly the ends: rounding moved them, and a closed road must end where it begins.
     knots[0], knots[-1] = 0.0, track.length
     return np.asarray(knots)
+
+
+def _crg_stations(road: CrgRoad) -> Array:
+    """Return the points of a reference line that are stations: the fewest whose spline is within 1 mm of all points.
+
+    Files have a point every few centimetres; each station costs time where a tyre looks for the nearest one.
+    """
+    count = len(road.x)
+    every = max(int(_SPACING / road.step), 1)
+    while True:
+        chosen = np.unique(np.append(np.arange(0, count, every), count - 1))
+        s = road.step * chosen
+        lines = [
+            scipy.interpolate.CubicHermiteSpline(s, values[chosen], slopes[chosen])(road.step * np.arange(count))
+            for values, slopes in (
+                (road.x, np.cos(road.phi)),
+                (road.y, np.sin(road.phi)),
+                (road.z, np.gradient(road.z, road.step)),
+                (road.banking * road.v[-1], np.gradient(road.banking, road.step) * road.v[-1]),
+            )
+        ]
+        errors = [
+            np.max(np.abs(line - values))
+            for line, values in zip(lines, (road.x, road.y, road.z, road.banking * road.v[-1]), strict=True)
+        ]
+        if every == 1 or max(errors) < _CRG_ERROR:
+            return np.asarray(chosen)
+        every = max(every // 2, 1)
 
 
 def _road(track: Track, s: Array) -> Road:
