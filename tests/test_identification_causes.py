@@ -186,10 +186,14 @@ def test_a_noisy_accelerometer_does_not_make_the_clock_slow(seed):
 
 
 @pytest.mark.parametrize(
-    ("seed", "check"), [(775, "clock_drift"), (901, "sample_time"), (922, "held_values"), (939, "glitches")]
-)
+    ("seed", "check"),
+    [
+        (775, "clock_drift"), (901, "sample_time"), (922, "held_values"), (939, "glitches"), (1021, "glitches"),
+        (1044, "glitches"),
+    ],
+)  # fmt: skip
 def test_no_repair_of_a_fault_that_a_drawn_log_does_not_have(seed, check, tmp_path):
-    """A sensor ahead in a sweep, one ahead of the centre of mass, coarse speeds, and a motion at the end of a log."""
+    """A sensor ahead in a sweep, one ahead of the centre of mass, coarse speeds, fast motions, also at the end."""
     study = load_identification(record(with_ratio(draw_case(seed)), tmp_path))
     found = [finding for finding in check_data(make_data(embedded_data(study), tmp_path)).of(check) if finding.done]
     assert not [finding.channel for finding in found]

@@ -14,6 +14,9 @@ from mirdrake.identification.timing import changed_rows, resolution
 WINDOW = 9
 """Samples of the median filter that glitches are compared with: up to four in a row are found."""
 
+NEAR = 2
+"""Rows within which a motion shows in other channels as well."""
+
 MAX_HELD = 2 * WINDOW
 """Largest number of rows that count as samples of a channel at rest."""
 
@@ -45,6 +48,7 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if not channel(name).moves:
             continue
         bad = find_glitches(values, channel(name).limit)
+        bad &= ~_is_motion(log, name, bad)
         if not bad.any():
             continue
         count = int(bad.sum())
@@ -58,6 +62,25 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             good = ~bad & np.isfinite(values)
             repaired[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
     return replace(log, channels={**log.channels, **repaired}), findings
+
+
+def _is_motion(log: Log, name: str, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which samples may be those of a fast motion (n): other channels change faster there than nearly anywhere.
+
+    A glitch disturbs one channel. A value outside of the range of its channel is a glitch in any case.
+    """
+    values, motion = log.channels[name], np.zeros(len(bad), dtype=bool)
+    rest = values[~bad & np.isfinite(values)]
+    if not bad.any() or not len(rest):
+        return motion
+    low, high = np.percentile(rest, (1.0, 99.0))
+    inside = (values > low - 0.5 * (high - low)) & (values < high + 0.5 * (high - low))
+    for other, series in log.channels.items():
+        if quantity(other) != quantity(name) and channel(other).moves:
+            steps = np.abs(np.diff(np.nan_to_num(series), prepend=series[:1]))
+            fast = steps > float(np.nanpercentile(steps, 98.0))
+            motion |= maximum_filter1d(fast, 2 * NEAR + 1, mode="constant")
+    return bad & inside & motion
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
@@ -100,6 +123,9 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     for side, distance in ((series, away), (series[::-1], away[::-1])):
         for row in range(half):
             distance[row] = min(distance[row], abs(side[row] - _extended(side[row + 1 : row + 1 + half])))
+            # A sample between its neighbours is on the way from one to the other.
+            if row and min(side[row - 1], side[row + 1]) < side[row] < max(side[row - 1], side[row + 1]):
+                distance[row] = 0.0
         distance[0] *= distance[0] > fastest
     odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
