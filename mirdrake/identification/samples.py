@@ -80,7 +80,7 @@ def _is_motion(log: Log, name: str, bad: NDArray[np.bool_]) -> NDArray[np.bool_]
             steps = np.abs(np.diff(np.nan_to_num(series), prepend=series[:1]))
             fast = steps > float(np.nanpercentile(steps, 98.0))
             motion |= maximum_filter1d(fast, 2 * NEAR + 1, mode="constant")
-    return bad & inside & motion
+    return np.asarray(bad & inside & motion)
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
