@@ -447,7 +447,7 @@ def test_quantities_have_three_digits_and_their_unit(value, unit, text):
 
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
-    [(100812.0, 4, "100\u202f800"), (1215.0, 2, "1\u202f200"), (0.040361, 4, "0.04036"), (2543.4, 4, "2543"),
+    [(100812.0, 4, "100\u202f800"), (1215.0, 2, "1200"), (0.040361, 4, "0.04036"), (2543.4, 4, "2543"),
      (-4.363e-5, 4, "−4.363·10⁻⁵"), (3e12, 2, "3·10¹²"), (0.0, 4, "0")],
 )  # fmt: skip
 def test_significant_digits_have_no_exponent_of_python(value, digits, text):

@@ -34,7 +34,8 @@ def format_significant(value: float, digits: int = 4) -> str:
     text = f"{value:.{digits}g}"
     mantissa, mark, exponent = text.partition("e")
     if mark and 0 <= int(exponent) < 7:
-        text = f"{float(text):,.0f}".replace(",", "\u202f")
+        # Four digits stay together, as in numbers that have no exponent.
+        text = f"{float(text):{',' if int(exponent) > 3 else ''}.0f}".replace(",", "\u202f")
     elif mark:
         text = f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     return text.replace("-", "−")
