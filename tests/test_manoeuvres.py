@@ -235,3 +235,27 @@ def test_a_folder_that_is_not_empty_is_rejected(tmp_path, capsys):
     code, _ = _drive(tmp_path, "braking", "bolt")
     assert code == 2
     assert "is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "margins"),
+    [
+        ("step_steer", {"rise": 0.1, "yaw_response": 0.1, "lateral_response": 0.1, "yaw_peak": 0.1, "yaw_gain": 0.1}),
+        ("braking", {"distance_100": 0.1, "time": 0.1, "mfdd": 0.1}),
+        ("steady_state_circle", {"roll_left": 0.1, "beta_left": 0.1, "largest": 0.2, "understeer": 0.2}),
+    ],
+)
+def test_the_single_track_model_is_within_the_margins_of_its_page_of_the_full_plant(tmp_path, name, margins):
+    """docs/batch.md gives these margins to the users of batches, whose cars have the same equations."""
+    figures = []
+    for model in ("single_track", "full"):
+        contact = [] if model == "single_track" else ["--set", "plant.contact=point"]
+        folder = tmp_path / model
+        folder.mkdir()
+        code, results = _drive(folder, name, "bolt@handling", "--model", model, "--quiet", *contact)
+        assert code == 0
+        figures.append(_figures(results, name))
+    reduced, full = figures
+    for figure, margin in margins.items():
+        assert reduced[figure] == pytest.approx(full[figure], rel=margin), figure

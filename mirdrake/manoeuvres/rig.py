@@ -29,7 +29,7 @@ from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant
-from mirdrake.single_track.from_vehicle import estimate_parameters
+from mirdrake.single_track.from_vehicle import estimate_parameters, tyres_of
 from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import World
@@ -259,7 +259,7 @@ class Rig:
         )
         builder = DiagramBuilder()
         # Vehicle, control unit, powertrain and driver, connected as in a diagram with the full plant.
-        variant = Variant("brush", relaxation=True, actuators=True, roll=roll)
+        variant = Variant(tyres_of(self.vehicle), relaxation=True, actuators=True, roll=roll)
         model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
         mass, rotating = parameters.mass, parameters.rotating_mass
         control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=mass, rotating=rotating))

@@ -20,7 +20,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_roll_stiffness
-from mirdrake.single_track.dynamics import Variant
+from mirdrake.single_track.dynamics import Variant, lateral_forces
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
 from mirdrake.vehicles import WHEELS, Vehicle
@@ -76,6 +76,12 @@ def make_single_track(
     elif front_stiffness is not None or rear_stiffness is not None:
         raise ConfigError("make_single_track: give either parameters or stiffnesses; the parameters hold stiffnesses")
     return SingleTrack(parameters, Variant(tyres, relaxation, actuators, roll))
+
+
+def tyres_of(vehicle: Vehicle) -> str:
+    """Return the tyres of the variant that is most like a vehicle: its own law, or brush tyres if it has none."""
+    kind = vehicle.spec.tyres.kind
+    return kind if kind in lateral_forces() else "brush"
 
 
 def estimate_parameters(

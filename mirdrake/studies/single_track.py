@@ -22,6 +22,7 @@ from mirdrake.execution.job import Outcome, one_line
 from mirdrake.runs.summary import drive_figures
 from mirdrake.single_track import estimate_parameters
 from mirdrake.single_track.dynamics import Variant
+from mirdrake.single_track.from_vehicle import tyres_of
 from mirdrake.studies.plan import Plan
 from mirdrake.vehicles import Vehicle
 
@@ -192,7 +193,7 @@ class _Model:
         period = 1.0 / self._vehicle.control.rate
         # The largest step that divides the control period evenly; the tolerance absorbs rounding of the quotient.
         step = period / np.ceil(period / STEP - 1e-9)
-        variant = Variant("brush", relaxation=True, actuators=True)
+        variant = Variant(tyres_of(self._vehicle), relaxation=True, actuators=True)
         cars = Batch(nominal, variant, columns=self._parameters, count=count, step=step)
         start = assembly.starts[self.name]
         cars.reset(x=start.x, y=start.y, yaw=start.yaw, vx=self._speed)
