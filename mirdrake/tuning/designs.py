@@ -83,7 +83,7 @@ class DesignModel:
     """Identified loop as rules need it; half a period for the hold of the effort is in all dead times.
 
     Attributes:
-        main: transfer function.
+        main: transfer function; None if only the rules for a double integrator fit the loop.
         first: first order with delay, or an integrator.
         lagged: gain [y/(u s)], delay [s] and lag [s] of an integrator with lag.
         inertial: gain [y/(u s²)] and delay [s] of a double integrator.
@@ -91,7 +91,7 @@ class DesignModel:
         max_sensitivity: bound on Ms for loop shaping [1].
     """
 
-    main: TransferFunction
+    main: TransferFunction | None
     first: FirstOrder | Integrator | None
     lagged: tuple[float, float, float] | None
     inertial: tuple[float, float] | None
@@ -182,11 +182,13 @@ def _simc_inertia_pd(model: DesignModel, times: Sequence[float]) -> Iterator[Sol
 
 
 def _ultimate(model: DesignModel) -> Iterator[Solution]:
-    if model.inertial is not None:
+    if model.inertial is not None and model.main is not None:
         yield "Ziegler-Nichols PID", None, partial(_ultimate_gains, model.main)
 
 
 def _largest_integral_gain(model: DesignModel) -> Iterator[Solution]:
+    if model.main is None:
+        return
     bound = model.max_sensitivity
     for form in FORMS:
         solve = partial(maximize_integral_gain, model.main, max_sensitivity=bound, derivative=form == "PID")
@@ -194,6 +196,8 @@ def _largest_integral_gain(model: DesignModel) -> Iterator[Solution]:
 
 
 def _phase_margin(model: DesignModel) -> Iterator[Solution]:
+    if model.main is None:
+        return
     crossover = 0.35 / max(model.main.delay, 1e-3)
     for form in FORMS:
         solve = partial(design_for_phase_margin, model.main, crossover, derivative=form == "PID")
@@ -246,14 +250,14 @@ def make_designs(
 ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
     """Return the designs of all rules that fit a loop, and those that have no solution.
 
-    The filter of the derivative is that of the loop, whatever a rule would use. A loop whose parameters are not gains
-    of a PID controller has no designs.
+    The filter of the derivative is that of the loop, whatever a rule would use. A loop whose gains no rule gives has no
+    designs.
 
     Args:
         identification: result of the experiments.
         max_sensitivity: bound on Ms for loop shaping [1].
     """
-    if not identification.loop.has_pid_gains:
+    if not identification.loop.has_rules:
         return (), ()
     model = design_model(identification, max_sensitivity)
     named_solutions = ((rule, solution) for rule in DESIGN_RULES.values() for solution in rule.solutions(model))
@@ -262,7 +266,7 @@ def make_designs(
 
 def slower_designs(identification: Identification) -> tuple[Design, ...]:
     """Return designs of Skogestad's rule with increasing closed-loop times, for a loop for which no rule is robust."""
-    if not identification.loop.has_pid_gains:
+    if not identification.loop.has_rules:
         return ()
     model = design_model(identification, 1.4)
     if model.inertial is not None:
@@ -276,6 +280,9 @@ def slower_designs(identification: Identification) -> tuple[Design, ...]:
 
 def design_model(identification: Identification, max_sensitivity: float) -> DesignModel:
     """Return an identified loop as rules need it."""
+    # Without a transfer function the dead time is that of the whole loop, with all holds.
+    if identification.loop.model is None:
+        return DesignModel(None, None, None, identification.inertial, None, max_sensitivity)
     # Rules count the zero-order hold of a sampled controller as half a period of dead time.
     model, period = model_of(identification.loop)
     outer = 1.0 if model.outer is None else 1.0 + model.outer.kp  # the speed loop adds to the gain of the loop
@@ -322,15 +329,12 @@ def _solve(
         except MirdrakeError as error:
             omitted.append(OmittedDesign(name, str(error)))
             continue
-        values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
-        # Without a derivative gain in the loop a PID has no place.
-        if pid.kd and "kd" not in map(loop.role, loop.gains):
-            continue
+        values = loop.gains_of(pid)
         # Gains that are negative or infinite are not candidates.
-        if not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
+        if values is None or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
             continue
         # Rules that agree after rounding are one candidate, with the name of the first.
-        gains = rounded({gain: values[loop.role(gain)] for gain in loop.gains})
+        gains = rounded(values)
         if gains not in [design.gains for design in designs]:
             designs.append(Design(name, rule.kind, gains, rule.name, parameter))
     return tuple(designs), tuple(omitted)

@@ -98,7 +98,8 @@ def identify_loop(bench: "Bench") -> Identification:
         RunError: the plant could not be measured.
     """
     identification = bench.identify()
-    gain = identification.loop.model.plants["main"].numerator[0] if identification.loop.model else math.nan
+    model = identification.loop.model
+    gain = 1.0 if model is None else model.plants["main"].numerator[0]
     if not gain > 0.0 or not math.isfinite(gain):
         raise ConfigError("the output does not follow the effort; is the loop connected?")
     return identification

@@ -131,8 +131,8 @@ class Stages:
         by slope × dead time after the end of a ramp, whatever its gains. If the study has no constraints of its own,
         this is added to the limit of the overshoot.
         """
-        # Without a model no margin is known, so limits of margins cannot be checked.
-        if not self.identifiable:
+        # Where no margin is known, limits of margins cannot be checked.
+        if self.loop.period is None:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
         # The nominal delay is part of the loop already: only the increase has to be covered by the margin.
         increase = LOOP_KINDS[self.loop.kind].delays(self.spec)[1] - self.loop.delay

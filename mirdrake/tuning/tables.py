@@ -7,8 +7,8 @@ import pandas as pd
 
 from mirdrake.tuning.grip import axles_of, grip_use
 from mirdrake.tuning.loops.base import Conditions, Fidelity, LoopSpec
-from mirdrake.tuning.loops.evaluate import plant_bench
-from mirdrake.tuning.loops.reduced import critical_loop, model_of
+from mirdrake.tuning.loops.evaluate import loops_of, plant_bench
+from mirdrake.tuning.loops.reduced import critical_loop
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.spec import AT_LEAST, MARGINS
 from mirdrake.tuning.stages import Candidate
@@ -46,18 +46,21 @@ def trials_table(
 
 
 def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame:
-    """Return the open loop of candidates over frequency, of the loop with the largest Ms."""
-    _, period = model_of(loop)
-    top = 0.99 * np.pi / period
+    """Return the open loop of candidates over frequency, of the loop with the largest Ms; empty if it is not known."""
+    if loop.period is None:
+        return pd.DataFrame()
+    top = 0.99 * np.pi / loop.period
     omega = np.geomspace(top / 3e3, top, 300)
     parts = []
     for entry in chosen:
         gains = entry.design.gains or loop.present
-        if not gains:  # the present controller is of another kind
+        # The present controller may be of another kind, and without gains there is no loop.
+        loops = loops_of(loop, gains) if any(gains.values()) else []
+        if not loops:
             continue
-        value = critical_loop(loop, gains)(omega)
+        value = critical_loop(loops)(omega)
         parts.append(pd.DataFrame({"candidate": entry.name, "omega": omega, "re": value.real, "im": value.imag}))
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
 def with_grip(table: pd.DataFrame, loop: LoopSpec, draws: Sequence[Conditions]) -> pd.DataFrame:

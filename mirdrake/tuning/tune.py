@@ -307,7 +307,8 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     limits = stages.constraints if stages.loop.has_pid_gains else {}
     trials = trials_table(outcome.coarse, outcome.fine, limits=limits, coarse_on=stages.first_fidelity)
     tables = {"responses": responses_table(tried), "trials": trials}
-    tables |= {"frequency": frequency_table(stages.loop, chosen)} if stages.identifiable else {}
+    frequency = frequency_table(stages.loop, chosen)
+    tables |= {} if frequency.empty else {"frequency": frequency}
     tables |= {} if gain_map is None else {"map": gain_map}
     tables |= {} if runs is None else {"monte_carlo": with_grip(runs.table, stages.loop, stages.draws)}
     return result, tables

@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol
 import pandas as pd
 
 from mirdrake.core.json_io import Json
+from mirdrake.core.pid import PidGains
 from mirdrake.tuning.models import TransferFunction
 
 Fidelity = Literal["reduced", "plant"]
@@ -78,6 +79,9 @@ class Evaluator(Protocol):
 
 PID_ROLES = ("kp", "ki", "kd")
 """What gains may be to a PID controller."""
+
+PATH_ROLES = ("convergence_time", "damping")
+"""What gains may be to a driver that tracks a path: a PD controller of a double integrator."""
 
 NO_ROLE = "-"
 """Role of a gain of a controller that is not PID, whatever the name of the gain."""
@@ -227,7 +231,7 @@ class LoopSpec:
         output_unit: unit of the output.
         effort_unit: unit of the effort.
         course: test manoeuvre.
-        period: of the controller [s]; None for a loop of signals.
+        period: of the controller [s]; None for a loop whose margins are not known.
         settings: further entries of control.yaml that the gains need, by dotted path.
         filter_time: of the derivative [s].
         delay: nominal delay of the actuator [s].
@@ -275,6 +279,27 @@ class LoopSpec:
         """Whether the gains are those of a PI or PID controller, for which there are rules."""
         roles = [self.role(gain) for gain in self.gains]
         return {"kp", "ki"} <= set(roles) <= set(PID_ROLES) and len(set(roles)) == len(roles)
+
+    @property
+    def has_rules(self) -> bool:
+        """Whether rules give values of all gains: those of a PID controller, or of a driver that tracks a path."""
+        return self.has_pid_gains or sorted(map(self.role, self.gains)) == sorted(PATH_ROLES)
+
+    def gains_of(self, pid: PidGains) -> dict[str, float] | None:
+        """Return the gains of the loop that are those of a PID controller; None if the loop has no such controller.
+
+        A driver that tracks a path has T and zeta of ``e'' + 2 zeta/T e' + e/T^2 = 0``, so kp = 1/T^2 and
+        kd = 2 zeta/T.
+        """
+        values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
+        if not self.has_pid_gains:
+            if pid.ki or not pid.kp > 0.0 or not pid.kd > 0.0:
+                return None
+            values = {"convergence_time": pid.kp**-0.5, "damping": 0.5 * pid.kd * pid.kp**-0.5}
+        # Without a derivative gain in the loop a PID has no place.
+        elif pid.kd and "kd" not in map(self.role, self.gains):
+            return None
+        return {gain: values[self.role(gain)] for gain in self.gains}
 
     def with_control(self, control: Mapping[str, Any]) -> "LoopSpec":
         """Return the loop with other entries of control.yaml in its diagram, so that no gain is left to set."""

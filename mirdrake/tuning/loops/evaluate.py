@@ -13,8 +13,9 @@ from mirdrake.execution.job import one_line
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.kind import Bench
-from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
+from mirdrake.tuning.loops.reduced import OpenLoop, find_loop_margins, open_loops, run_reduced
 from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.loops.signals import SignalBench
 from mirdrake.tuning.spec import breaks_limit
 
 KEPT = 3
@@ -59,6 +60,14 @@ def plant_bench(spec: LoopSpec) -> PlantBench:
     if not isinstance(bench, PlantBench):
         raise ConfigError(f"a loop of kind '{spec.kind}' has no bench of the plant")
     return bench
+
+
+def loops_of(spec: LoopSpec, gains: Mapping[str, float]) -> list[OpenLoop]:
+    """Return the open loops with gains: of the model, or of the linear diagram of a loop of signals."""
+    if spec.model is not None:
+        return open_loops(spec, gains)
+    bench = bench_of(spec)
+    return bench.open_loops(gains) if isinstance(bench, SignalBench) else []
 
 
 def forget_bench(spec: LoopSpec) -> None:
@@ -114,6 +123,7 @@ class LoopEvaluator:
             return bench_of(spec.as_present() if spec.gains else spec).run({}, conditions, margins=margins)
         margins = find_loop_margins(spec, gains)
         # Margins follow from the model alone, so a broken limit needs no run of the plant, if there is a reduced model.
-        if spec.has_pid_gains and any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
+        broken = any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items())
+        if broken and spec.model is not None and spec.has_pid_gains:
             return run_reduced(spec, gains, conditions)
         return bench_of(spec).run(gains, conditions, margins=margins)

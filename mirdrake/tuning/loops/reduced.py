@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,9 @@ from mirdrake.tuning.models import Floats, TransferFunction
 from mirdrake.tuning.process_models import DiscreteMatrices, discrete_matrices
 from mirdrake.tuning.spec import MARGINS
 from mirdrake.tuning.stability import is_stable
+
+OpenLoop = tuple[LoopResponse, float, float]
+"""Loop transfer function, with the lowest and the highest frequency [rad/s] of its range."""
 
 
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
@@ -68,8 +71,8 @@ def outer_factor(model: LoopModel, kp: float, ki: float) -> TransferFunction:
     return TransferFunction(tuple(map(float, numerator)), tuple(map(float, denominator)))
 
 
-def open_loops(spec: LoopSpec, gains: Mapping[str, float]) -> list[tuple[LoopResponse, float, float]]:
-    """Return the open loops of a loop, each with the lowest and the highest frequency [rad/s] of its range."""
+def open_loops(spec: LoopSpec, gains: Mapping[str, float]) -> list[OpenLoop]:
+    """Return the open loops of a loop with a model."""
     model, period = model_of(spec)
     if model.block is not None:
         return [(loop_of(model.block, gains), model.block.frequencies[0], model.block.frequencies[-1])]
@@ -77,15 +80,9 @@ def open_loops(spec: LoopSpec, gains: Mapping[str, float]) -> list[tuple[LoopRes
     return [(loop_response(plant, pid, period=period), *loop_range(plant, pid, period=period)) for plant in plants]
 
 
-def critical_loop(spec: LoopSpec, gains: Mapping[str, float]) -> LoopResponse:
-    """Return the open loop with the largest Ms of a loop."""
-    loops = open_loops(spec, gains)
-    # Without gains there is no loop to compare.
-    return (
-        loops[0][0]
-        if len(loops) < 2 or not any(gains.values())
-        else max(loops, key=lambda loop: margins_of(*loop).max_sensitivity)[0]
-    )
+def critical_loop(loops: Sequence[OpenLoop]) -> LoopResponse:
+    """Return the loop with the largest Ms of some open loops, one at least."""
+    return loops[0][0] if len(loops) < 2 else max(loops, key=lambda loop: margins_of(*loop).max_sensitivity)[0]
 
 
 def plant_under(spec: LoopSpec, conditions: Conditions, plant: TransferFunction) -> TransferFunction:
@@ -108,9 +105,16 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
     # The same gains are tested under many conditions, which do not change the margins of the nominal loop.
     if (known := _last_margins.get(spec, gains)) is not None:
         return known
+    margins = worst_margins(open_loops(spec, gains))
+    _last_margins.keep(spec, gains, margins)
+    return margins
+
+
+def worst_margins(loops: Sequence[OpenLoop]) -> dict[str, float]:
+    """Return the margins by name, each the worst of some open loops; nan if undefined."""
     rows = []
     # A loop with several transfer functions (both wheels together, and apart) has the margins of the worst.
-    for loop in open_loops(spec, gains):
+    for loop in loops:
         computed = margins_of(*loop)
         rows.append(
             (
@@ -123,10 +127,10 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
                 computed.disk_margin,
             )
         )
-    worst = [min(column) for column in zip(*rows, strict=True)]
-    margins = dict(zip(MARGINS, (-worst[0], -worst[1], *worst[2:]), strict=True))
-    _last_margins.keep(spec, gains, margins)
-    return margins
+    if not rows:
+        return dict.fromkeys(MARGINS, math.nan)
+    worst = [float(min(column)) for column in zip(*rows, strict=True)]
+    return dict(zip(MARGINS, (-worst[0], -worst[1], *worst[2:]), strict=True))
 
 
 class _LastMargins(threading.local):

@@ -5,7 +5,8 @@ from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.block_loop import BlockLoop, with_linear_model
 from mirdrake.tuning.loops.kind import LoopKind
-from mirdrake.tuning.loops.signals import DiagramLoopKind, PathLoop
+from mirdrake.tuning.loops.path import PathLoop
+from mirdrake.tuning.loops.signals import DiagramLoopKind
 from mirdrake.tuning.loops.speed import PedalSpeedLoop, SpeedLoop, WheelSpeedLoop
 from mirdrake.tuning.loops.steering import SteeringLoop
 from mirdrake.tuning.spec import TuningSpec

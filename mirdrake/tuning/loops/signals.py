@@ -1,15 +1,16 @@
-"""Loops known by their signals only: a loop of a user's diagram, and path tracking.
+"""Loops known by their signals: a loop of a user's diagram with parameters anywhere in it.
 
-Such a loop has no reduced model and no margins; its gains are searched on the plant. Its gains are the numbers of
-blocks in the diagram file, such as ``<block>.kp``, the parameters of :mod:`mirdrake.execution.parameters`, and for a
-driver that tracks a path ``<vehicle>.driver.convergence_time`` [s] and ``<vehicle>.driver.damping`` [1].
+Such a loop has no reduced model; its gains are searched on the plant. Its margins are those of the diagram linearised
+with each candidate, cut at the effort: see :mod:`mirdrake.tuning.loops.cut`. Its gains are the numbers of blocks in the
+diagram file, such as ``<block>.kp``, the parameters of :mod:`mirdrake.execution.parameters`, and for a driver that
+tracks a path ``<vehicle>.driver.convergence_time`` [s] and ``<vehicle>.driver.damping`` [1].
 """
 
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,11 +31,11 @@ from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Gain, LoopSpec
 from mirdrake.tuning.loops.controller_block import KIND, ControllerBlock, tuned_blocks
+from mirdrake.tuning.loops.cut import CutLoop, cut_loop
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.kind import LoopKind
-from mirdrake.tuning.search_range import Range
+from mirdrake.tuning.loops.reduced import OpenLoop, worst_margins
 from mirdrake.tuning.spec import DiagramLoop, TuningSpec
-from mirdrake.worlds import load_world
 
 DURATION = 10.0
 """Default duration of a test [s]."""
@@ -121,6 +122,7 @@ class SignalLoop(LoopKind):
             output_unit="m" if self.selectable else "",
             effort_unit="rad" if self.selectable else "",
             course=self.course(study),
+            period=None if (cut := cut_loop(assembly, loop.effort)) is None else cut.period,
             friction=float(assembly.parts.world.ground.mu) if uniform else None,
             # Present gains are the baseline.
             present={name: present[name] for name in loop.parameters if name in present},
@@ -159,62 +161,6 @@ class DiagramLoopKind(SignalLoop):
         return where(study, "loop", *path)
 
 
-class PathLoop(SignalLoop):
-    """Tracking of a path: from a start beside the path, the driver returns to it."""
-
-    name: ClassVar[str] = "path"
-    ranges: ClassVar[Mapping[str, Range]] = {
-        "ego.driver.convergence_time": Range(0.3, 3.0),
-        "ego.driver.damping": Range(0.6, 1.5, "linear"),
-    }
-
-    def signals(self, study: TuningSpec) -> DiagramLoop:  # noqa: ARG002
-        """Return cross-track error and steering."""
-        return DiagramLoop(
-            diagram="",
-            reference=0.0,
-            output="ego.lateral_error",
-            effort="ego.steering_setpoint",
-            parameters=[f"ego.driver.{name}" for name in PATH_GAINS],
-        )
-
-    def diagram(self, study: TuningSpec) -> DiagramSpec:
-        """Return a diagram in which the vehicle starts beside the path."""
-        # Path tracking needs a track; the empty world has none.
-        world = "test_track" if study.world == "empty" else study.world
-        # A start beside the path: the offset is the step to which the loop responds.
-        start = next(iter(load_world(world, where=where(study, "world")).starts.values()))
-        offset, speed = self.course(study).step, study.test.speed or 5.0
-        pose = {
-            # Left of the path: (-sin, cos) of the heading.
-            "x": start.x - offset * math.sin(start.yaw),
-            "y": start.y + offset * math.cos(start.yaw),
-            "yaw": start.yaw,
-        }
-        return make_spec(
-            {
-                "name": study.name,
-                "world": world,
-                "vehicles": {"ego": {"model": str(study.vehicle), "start": pose, "speed": speed}},
-                "control": {"ego": {"kind": "path_tracking", "speed": speed}},
-                # Settings of the user have precedence.
-                "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
-                "duration": self.course(study).duration,
-                "seed": study.seed,
-            }
-        )
-
-    def course(self, study: TuningSpec) -> Course:
-        """Return the test manoeuvre, which begins with the step."""
-        test = study.test
-        duration = test.duration or DURATION
-        return Course(0.5 if test.step is None else test.step, 0.0, 0.0, duration, duration)
-
-    def place(self, study: TuningSpec, *path: str | int) -> str:  # noqa: ARG002
-        """See :meth:`SignalLoop.place`."""
-        return where(study, "loop")
-
-
 def find_setters(assembly: Assembly) -> dict[str, Setter]:
     """Return functions that write a parameter to a Context of a diagram, by name of the parameter."""
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
@@ -224,7 +170,7 @@ def find_setters(assembly: Assembly) -> dict[str, Setter]:
     }
     for name, block in tuned_blocks(assembly).items():
         setters |= {f"{name}.{key}": partial(_set_parameter, block.block, key) for key in block.block.parameters}
-    for tracker in _trackers(assembly):
+    for tracker in find_trackers(assembly):
         setters |= {f"{tracker.get_name()}.{gain}": partial(_set_gain, tracker, gain) for gain in PATH_GAINS}
     return setters
 
@@ -233,7 +179,7 @@ def path_gains(assembly: Assembly) -> dict[str, float]:
     """Return the present gains of the drivers of a diagram that track a path."""
     gains: dict[str, float] = {}
     context = assembly.make_context()
-    for tracker in _trackers(assembly):
+    for tracker in find_trackers(assembly):
         present = tracker.get_gains(tracker.GetMyContextFromRoot(context))
         gains |= {f"{tracker.get_name()}.{name}": float(getattr(present, name)) for name in PATH_GAINS}
     return gains
@@ -260,7 +206,8 @@ def _with_tuned_blocks(diagram: Mapping[str, Any], parameters: Mapping[str, floa
     return {**diagram, "systems": systems}
 
 
-def _trackers(assembly: Assembly) -> list[PathTracker]:
+def find_trackers(assembly: Assembly) -> list[PathTracker]:
+    """Return the drivers of a diagram that track a path."""
     return [system for system in assembly.diagram.GetSystems() if isinstance(system, PathTracker)]
 
 
@@ -285,6 +232,42 @@ class SignalBench:
         self.assembly = assemble(make_spec(spec.diagram))
         self.simulation = Simulation(self.assembly)
         self._setters = find_setters(self.assembly)
+        self._known: tuple[dict[str, float], dict[str, float]] | None = None
+
+    @cached_property
+    def cut(self) -> CutLoop | None:
+        """The loop cut at its effort, at the operating point; None if it cannot be cut."""
+        return cut_loop(self.assembly, self.spec.effort)
+
+    def open_loops(self, gains: Mapping[str, float]) -> list[OpenLoop]:
+        """Return the open loop with gains at the operating point, just before the step; none if it cannot be cut."""
+        if self.cut is None:
+            return []
+        setters = self._setters if self.cut.assembly is self.assembly else find_setters(self.cut.assembly)
+
+        def change(context: Context) -> None:
+            for name, value in gains.items():
+                setters[name](context, float(value))
+
+        # A diagram that diverges before the step has no operating point.
+        try:
+            response = self.cut.response(self.operating_time, change)
+        except RuntimeError as error:
+            if not is_divergence(str(error)):
+                raise
+            return []
+        return [(response, *self.cut.frequencies)]
+
+    @property
+    def operating_time(self) -> float:
+        """Time of the operating point [s]."""
+        return self.spec.course.step_time
+
+    def margins(self, gains: Mapping[str, float]) -> dict[str, float]:
+        """Return the margins of the loop with gains by name; nan if unknown."""
+        if self._known is None or self._known[0] != gains:
+            self._known = dict(gains), worst_margins(self.open_loops(gains))
+        return dict(self._known[1])
 
     def identify(self) -> Identification:
         """Return the loop without a model."""
@@ -297,6 +280,8 @@ class SignalBench:
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, margins: Mapping[str, float]
     ) -> Evaluation:
         """Run the diagram with gains; of the conditions, mass and friction have an effect.
+
+        Without a model the margins are those of the linear diagram; the Monte Carlo does not need them.
 
         Raises:
             ConfigError: unknown gain.
@@ -335,5 +320,5 @@ class SignalBench:
             signals[self.spec.effort].to_numpy(dtype=float),
             course=self.spec.course,
             noise=conditions.noise,
-            margins=margins,
+            margins=self.margins(gains) if self.spec.model is None and conditions == NOMINAL else margins,
         )
