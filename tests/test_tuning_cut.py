@@ -8,7 +8,7 @@ import pytest
 from mirdrake.tuning.designs import make_designs, slower_designs
 from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of, loops_of
-from mirdrake.tuning.loops.registry import make_loop_spec
+from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
 from mirdrake.tuning.margins import margins_of
 from mirdrake.tuning.spec import make_tuning
 
@@ -94,6 +94,24 @@ def test_a_cascade_has_the_margins_of_its_closed_form_at_the_effort(cascade):
         factor = part * expected.gain_margin
         changed = gains | {name: factor * gains[name] for name in ("inner.kp", "inner.ki")}
         assert LoopEvaluator(cascade)(changed).status == status
+
+
+def test_rules_give_a_cascade_its_gains_from_the_inside_to_the_outside(cascade):
+    assert cascade.kind == "cascade"
+    identified = bench_of(cascade).identify()
+    # The inner loop is designed with the outer one open: b / (z (z - a)) is a lag of T / (1 - a) = 0.5 s and gain 2.
+    inner, outer = (experiment.parameters for experiment in identified.experiments)
+    assert inner["time_constant"].value == pytest.approx(PERIOD / (1.0 - POLE), rel=0.05)
+    assert inner["gain"].value == pytest.approx(GAIN / (1.0 - POLE), rel=0.01)
+    # The outer loop sees the closed inner one as an integrator of gain 1, from the speed to the place.
+    assert outer["gain"].value == pytest.approx(1.0, rel=0.1)
+    designs = {design.name: design.gains for design in LOOP_KINDS["cascade"].designs(identified, 1.4)[0]}
+    assert {"SIMC", "SIMC 2", "AMIGO PI", "shaped PI"} <= set(designs)
+    for gains in (designs["SIMC 2"], designs["AMIGO PI"]):
+        assert list(gains) == ["outer.kp", "inner.kp", "inner.ki"]
+        result = LoopEvaluator(cascade)(gains)
+        assert result.status == "ok"
+        assert result.figures["ms"] < 2.0
 
 
 def test_an_effort_that_is_no_output_has_no_margins(tmp_path, cascade):

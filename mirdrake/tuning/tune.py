@@ -2,7 +2,7 @@
 
 ::
 
-    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► model ── make_designs ─► candidates
+    TuningSpec ── make_loop_spec ─► LoopSpec ── identify_loop (plant) ─► model ── LoopKind.designs ─► candidates
                                                                         │                        │ tested on the plant,
                                                                         ▼                        ▼ Monte Carlo
               search on the reduced model ── refined on the plant, in the draws that rules failed ─► best ── Monte Carlo
@@ -37,11 +37,11 @@ from mirdrake.execution.worker_server import LOOP, start_server
 from mirdrake.runs.summary import scene_hashes
 from mirdrake.tuning.acceptance import StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
-from mirdrake.tuning.designs import Design, OmittedDesign, make_designs, slower_designs
+from mirdrake.tuning.designs import Design, OmittedDesign, slower_designs
 from mirdrake.tuning.identify import Identification, identify_loop
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
-from mirdrake.tuning.loops.registry import make_loop_spec
+from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
 from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, read_result, write_result
 from mirdrake.tuning.robustness import CornerTest
@@ -330,7 +330,7 @@ def _design(stages: Stages, identification: Identification) -> Designs:
     if stages.identifiable:
         # Loop shaping aims at the limit of Ms of the study, within usual values of Ms.
         bound = min(max(stages.spec.constraints.get("ms", 1.4), 1.1), 2.5)
-        made, omitted = make_designs(identification, max_sensitivity=bound)
+        made, omitted = LOOP_KINDS[stages.loop.kind].designs(identification, bound)
         slower = slower_designs(identification)
     base = Design("baseline", "baseline", baseline_gains(stages.spec, stages.loop))
     baseline, *tested = stages.test([base, *made], "rules")

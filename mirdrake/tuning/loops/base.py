@@ -276,9 +276,9 @@ class LoopSpec:
 
     @property
     def has_pid_gains(self) -> bool:
-        """Whether the gains are those of a PI or PID controller, for which there are rules."""
+        """Whether the gains are those of a P, PI, PD or PID controller, for which there are rules."""
         roles = [self.role(gain) for gain in self.gains]
-        return {"kp", "ki"} <= set(roles) <= set(PID_ROLES) and len(set(roles)) == len(roles)
+        return {"kp"} <= set(roles) <= set(PID_ROLES) and len(set(roles)) == len(roles)
 
     @property
     def has_rules(self) -> bool:
@@ -288,6 +288,7 @@ class LoopSpec:
     def gains_of(self, pid: PidGains) -> dict[str, float] | None:
         """Return the gains of the loop that are those of a PID controller; None if the loop has no such controller.
 
+        A controller without integral part gets the other parts.
         A driver that tracks a path has T and zeta of ``e'' + 2 zeta/T e' + e/T^2 = 0``, so kp = 1/T^2 and
         kd = 2 zeta/T.
         """

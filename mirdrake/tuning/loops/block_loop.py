@@ -21,7 +21,7 @@ from mirdrake.core.yaml_io import Source
 from mirdrake.tuning.frequency_response import FrequencyResponse
 from mirdrake.tuning.gains import controller_response, hold_response
 from mirdrake.tuning.identify import Identification, fit_response, simple_experiment
-from mirdrake.tuning.loops.base import NO_ROLE, BlockModel, Conditions, LoopModel, LoopSpec
+from mirdrake.tuning.loops.base import NO_ROLE, PID_ROLES, BlockModel, Conditions, LoopModel, LoopSpec
 from mirdrake.tuning.loops.block_response import linearise_around, loop_of
 from mirdrake.tuning.loops.controller_block import KIND, ControllerBlock, tuned_blocks
 from mirdrake.tuning.loops.reduced import pid_of
@@ -57,10 +57,22 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
     period. Other loops are returned unchanged.
     """
     names = {name.rpartition(".")[0] for name in spec.gains}
-    tuned = [name for name, entry in (spec.diagram.get("systems") or {}).items() if entry["kind"] == KIND]
+    tuned = tuned_names(spec)
     if len(names) != 1 or tuned != list(names):
         return spec
-    (name,) = tuned
+    return around_block(spec, tuned[0]) or spec
+
+
+def tuned_names(spec: LoopSpec) -> list[str]:
+    """Return the names of the tuned blocks in the diagram of a loop."""
+    return [name for name, entry in (spec.diagram.get("systems") or {}).items() if entry["kind"] == KIND]
+
+
+def around_block(spec: LoopSpec, name: str) -> LoopSpec | None:
+    """Return the loop around one of the tuned blocks of a loop, with the gains of that block.
+
+    None if the block has no single control of one element, or the control units do not repeat within its period.
+    """
     entry = spec.diagram["systems"][name]
     block = ControllerBlock(entry["entry"], entry["parameters"], entry["folder"])
     control = _control(spec, name, block)
@@ -69,20 +81,22 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
     period = block.period or 1.0 / min(rates)
     repeats = [period * rate for rate in rates]
     if control is None or any(abs(count - round(count)) > 1e-9 or count < 0.5 for count in repeats):
-        return spec
+        return None
 
     # The control passes through a delay that the Monte Carlo changes.
     tuned_entry = {**entry, "control": control, "period": period}
     kind, given = entry["entry"]["kind"], {key: value for key, value in entry["entry"].items() if key != "kind"}
     known = all_parameters(kind, given, source=Source("loop", {}), folder=entry["folder"])
-    gains, filter_time = spec.gains, known.get("filter_time")
-    # A derivative gain that is not tuned would stay in the loop but not in the controller of the rules.
-    if known.get("kd") and "kd" not in map(spec.role, gains):
+    gains = {gain: range_ for gain, range_ in spec.gains.items() if gain.rpartition(".")[0] == name}
+    filter_time = known.get("filter_time")
+    # A gain that is not tuned would stay in the loop but not in the controller of the rules.
+    if any(known.get(role) and role not in map(spec.role, gains) for role in PID_ROLES):
         gains = {gain: replace(range_, role=NO_ROLE) for gain, range_ in gains.items()}
     return replace(
         spec,
         kind=BlockLoop.name,
         gains=gains,
+        present={gain: value for gain, value in spec.present.items() if gain in gains},
         diagram={**spec.diagram, "systems": {**spec.diagram["systems"], name: tuned_entry}},
         period=period,
         filter_time=float(filter_time) if isinstance(filter_time, int | float) else 0.0,
@@ -109,24 +123,32 @@ class BlockBench(SignalBench):
         Raises:
             ConfigError: the diagram cannot be linearised, or its output does not follow the effort.
         """
-        spec = self.spec
         (name,) = tuned_blocks(self.assembly)
-        model = linearise_around(spec, name)
-        response = plant_response(spec, model)
-        first, first_fit = _fit(response, spec, order=1)
-        second, second_fit = _fit(response, spec, order=2)
-        # The second order has to fit better by 1 %, as it always fits at least as well.
-        main = second if second_fit > first_fit + 1.0 else first
-        loop = replace(spec, model=LoopModel({"main": main}, mass_acts=False, block=model))
-        hold = 0.5 * float(spec.period or 0.0)
-        # b / (s + a): K = b / a, T = 1 / a; the floor keeps an integrator from dividing by zero.
-        gain, pole = first.numerator[0], max(first.denominator[1], 1e-9)
-        lag = FirstOrder(gain / pole, 1.0 / pole, first.delay)
-        # A time constant that long cannot be distinguished from an integrator within the frequencies of the fit.
-        is_slow = lag.time_constant > SLOWEST * (lag.delay + hold)
-        simple = Integrator(gain, first.delay) if is_slow else lag
-        experiment = simple_experiment("linear_model", simple, fit_percent=first_fit)
-        return Identification(loop, (experiment,), first=simple, frequency=response)
+        return identify_block(self.spec, name)
+
+
+def identify_block(spec: LoopSpec, name: str) -> Identification:
+    """Linearise the diagram of a loop around a block, before the step, and fit a model of first or second order.
+
+    Raises:
+        ConfigError: the diagram cannot be linearised, or its output does not follow the effort.
+    """
+    model = linearise_around(spec, name)
+    response = plant_response(spec, model)
+    first, first_fit = _fit(response, spec, order=1)
+    second, second_fit = _fit(response, spec, order=2)
+    # The second order has to fit better by 1 %, as it always fits at least as well.
+    main = second if second_fit > first_fit + 1.0 else first
+    loop = replace(spec, model=LoopModel({"main": main}, mass_acts=False, block=model))
+    hold = 0.5 * float(spec.period or 0.0)
+    # b / (s + a): K = b / a, T = 1 / a; the floor keeps an integrator from dividing by zero.
+    gain, pole = first.numerator[0], max(first.denominator[1], 1e-9)
+    lag = FirstOrder(gain / pole, 1.0 / pole, first.delay)
+    # A time constant that long cannot be distinguished from an integrator within the frequencies of the fit.
+    is_slow = lag.time_constant > SLOWEST * (lag.delay + hold)
+    simple = Integrator(gain, first.delay) if is_slow else lag
+    experiment = simple_experiment("linear_model", simple, fit_percent=first_fit)
+    return Identification(loop, (experiment,), first=simple, frequency=response)
 
 
 def plant_response(spec: LoopSpec, model: BlockModel) -> FrequencyResponse:

@@ -89,6 +89,11 @@ def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
     own = part.GetMyMutableContextFromRoot(context)
     values, state = part.values(own), state_of(own)
     part.cut(own, values)
+    # Other blocks that are tuned are those of outer loops, which are open while an inner one is designed.
+    for name, other in tuned_blocks(assembly).items():
+        if name != block:
+            inside = other.block.GetMyMutableContextFromRoot(context)
+            other.block.cut(inside, other.block.values(inside))
 
     def advance(x: Array, u: Array) -> tuple[Array, Array]:
         changed = with_state(context, x)

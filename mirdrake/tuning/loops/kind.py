@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+from mirdrake.tuning.designs import Design, OmittedDesign, make_designs
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.search_range import Range
 from mirdrake.tuning.spec import TuningSpec
@@ -60,6 +61,12 @@ class LoopKind(ABC):
     def delays(self, study: TuningSpec) -> tuple[float, float]:
         """Return the smallest and the largest delay of the actuator in the Monte Carlo [s]."""
         return study.delays
+
+    def designs(
+        self, identification: "Identification", max_sensitivity: float
+    ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
+        """Return the designs by rules, and those that have no solution; `max_sensitivity`: bound on Ms."""
+        return make_designs(identification, max_sensitivity=max_sensitivity)
 
     @abstractmethod
     def make_bench(self, spec: LoopSpec) -> Bench:

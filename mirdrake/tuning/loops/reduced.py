@@ -27,7 +27,7 @@ OpenLoop = tuple[LoopResponse, float, float]
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
     """Return the gains of a loop as those of a controller, with the loop's filter."""
     value = {spec.role(name): float(gain) for name, gain in gains.items()}
-    return PidGains(value["kp"], value["ki"], value.get("kd", 0.0), filter_time=spec.filter_time)
+    return PidGains(value["kp"], value.get("ki", 0.0), value.get("kd", 0.0), filter_time=spec.filter_time)
 
 
 def model_of(spec: LoopSpec) -> tuple[LoopModel, float]:

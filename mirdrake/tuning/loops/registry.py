@@ -4,6 +4,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.block_loop import BlockLoop, with_linear_model
+from mirdrake.tuning.loops.cascade import CascadeLoop, as_cascade
 from mirdrake.tuning.loops.kind import LoopKind
 from mirdrake.tuning.loops.path import PathLoop
 from mirdrake.tuning.loops.signals import DiagramLoopKind
@@ -21,6 +22,7 @@ LOOP_KINDS: dict[str, LoopKind] = {
         PathLoop(),
         DiagramLoopKind(),
         BlockLoop(),
+        CascadeLoop(),
     )
 }
 """Kinds of loops by name."""
@@ -38,7 +40,8 @@ def make_loop_spec(study: TuningSpec, *, noise: bool | None = None, speed: float
         ConfigError: unknown loop, gain, signal or vehicle, or a loop that is not connected.
     """
     if not isinstance(study.loop, str):
-        return with_linear_model(LOOP_KINDS[DiagramLoopKind.name].make_spec(study, noise=noise, speed=speed))
+        spec = LOOP_KINDS[DiagramLoopKind.name].make_spec(study, noise=noise, speed=speed)
+        return as_cascade(with_linear_model(spec))
     names = [name for name, kind in LOOP_KINDS.items() if kind.selectable]
     if study.loop not in names:
         raise ConfigError(f"{where(study, 'loop')}: no loop '{study.loop}'; {did_you_mean(study.loop, names)}")
