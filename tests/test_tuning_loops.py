@@ -338,3 +338,16 @@ def test_a_path_is_a_loop() -> None:
     evaluate = LoopEvaluator(spec)
     soft, firm = (evaluate({"ego.driver.convergence_time": time, "ego.driver.damping": 1.0}) for time in (1.5, 0.6))
     assert firm.figures["iae"] < 0.7 * soft.figures["iae"]
+
+
+def test_tyres_with_a_law_get_the_step_of_a_diagram() -> None:
+    # The slip of a wheel decays with I v / (C r^2), 2 ms at 15 m/s for 1 kg m^2, 80 kN and 0.3 m.
+    steps = {
+        (vehicle, loop): make_loop_spec(make_tuning({"vehicle": vehicle, "loop": loop})).time_step
+        for vehicle in ("bolt", "bolt@handling")
+        for loop in ("speed", "steering")
+    }
+    assert steps == {
+        ("bolt", "speed"): 0.02, ("bolt", "steering"): 0.01,
+        ("bolt@handling", "speed"): 0.005, ("bolt@handling", "steering"): 0.005,
+    }  # fmt: skip

@@ -15,6 +15,7 @@ from mirdrake.assembly.diagram_spec import _absolute, make_spec
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
+from mirdrake.plant.plant import PlantSpec
 from mirdrake.tuning.loops.base import Course, Gain, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.kind import LoopKind
@@ -112,7 +113,7 @@ class VehicleLoop(LoopKind):
             "systems": blocks,
             "connect": connect,
             # Whole steps of the plant per period of the unit, so that updates are on steps.
-            "plant": _plant(study, vehicle.control.rate, steps=self.steps_per_period(study, vehicle.control.rate)),
+            "plant": _plant(study, vehicle.control.rate, steps=self._steps(study, vehicle)),
             "record": {"rate": vehicle.control.rate, "meshcat": False, "report": False},
             "duration": course.duration,
             "seed": study.seed,
@@ -169,6 +170,16 @@ class VehicleLoop(LoopKind):
         period would matter otherwise.
         """
         return 2 if study.test.delay < 0.5 / rate else 1
+
+    def _steps(self, study: TuningSpec, vehicle: Vehicle) -> int:
+        """Return the default number of steps of the plant per period.
+
+        The slip of a light wheel on a stiff tyre decays within milliseconds: at a step of 20 ms it oscillates whatever
+        the gains, so tyres with a law get the step of a diagram.
+        """
+        rate = vehicle.control.rate
+        steps = self.steps_per_period(study, rate)
+        return max(steps, math.ceil(1.0 / (rate * PlantSpec().time_step))) if vehicle.spec.tyres.has_law else steps
 
     def course(self, study: TuningSpec, vehicle: Vehicle, speed: float | None) -> Course:
         """Return the test manoeuvre; a small car drives more slowly, by the root of its wheelbase."""
