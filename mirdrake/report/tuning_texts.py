@@ -190,7 +190,7 @@ class Texts:
     def notices(self) -> list[str]:
         """Return what a reader has to know before the figures."""
         result, notices = self.result, []
-        if not result.experiments:
+        if result.loop.model is None and not result.experiments:
             margins = "its margins are those of the linear diagram, cut at the effort"
             known = "it has no margins: its effort is not the only element of an output that the diagram connects"
             notices.append(f"No rule fits this loop; {known if result.loop.period is None else margins}.")
