@@ -103,8 +103,8 @@ def test_rules_give_a_cascade_its_gains_from_the_inside_to_the_outside(cascade):
     inner, outer = (experiment.parameters for experiment in identified.experiments)
     assert inner["time_constant"].value == pytest.approx(PERIOD / (1.0 - POLE), rel=0.05)
     assert inner["gain"].value == pytest.approx(GAIN / (1.0 - POLE), rel=0.01)
-    # The outer loop sees the inner one closed with kp = 2: an integrator of gain 2 kp / (1 + 2 kp), as its integral part
-    # is slow.
+    # The outer loop sees the inner one closed with kp = 2: an integrator of gain 2 kp / (1 + 2 kp), as its integral
+    # part is slow.
     assert outer["gain"].value == pytest.approx(0.8, rel=0.05)
     designs = {design.name: design.gains for design in LOOP_KINDS["cascade"].designs(identified, 1.4)[0]}
     assert {"SIMC", "SIMC 2", "AMIGO PI", "shaped PI"} <= set(designs)
