@@ -16,7 +16,7 @@ from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 import mirdrake as mir
 from mirdrake.assembly.diagram import assemble, make_spec
 from mirdrake.assembly.diagram_spec import without_user_systems
-from mirdrake.assembly.drawing import draw_svg, layout_command, run_dot, write_dot
+from mirdrake.assembly.drawing import draw_svg, fit_svg, layout_command, run_dot, write_dot
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.cli import main as mir_main
 from mirdrake.controllers.platoon import CaccSpec
@@ -392,7 +392,10 @@ def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
 def test_a_drawing_fits_the_width_of_a_page(expand: tuple[str, ...], widest: float) -> None:
     """In points at full size; the expanded drawing of a row from left to right had 3365."""
     svg = draw_svg(assemble("bolt_test_track", expand=bool(expand)), expand=expand)
-    assert float(re.findall(r'width="(\d+)pt"', svg)[0]) < widest
+    width, height = (float(number) for number in re.search(r'width="(\d+)pt" height="(\d+)pt"', svg).groups())
+    assert width < widest
+    fitted = re.search(r'width="(\d+)pt" height="(\d+)pt"', fit_svg(svg, widest=500.0))
+    assert [float(number) for number in fitted.groups()] == pytest.approx([500.0, 500.0 * height / width], abs=0.5)
 
 
 def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
