@@ -64,6 +64,8 @@ def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path,
     out = tmp_path / "out"
     page = (out / "handling.html").read_text(encoding="utf-8")
     assert "Step steer" in page
+    assert "magic formula tyres, relaxation" in page  # as of bolt@handling
+    assert "its largest one may be too high" in page
     assert "recalled, not verified" in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert (out / "step_steer" / "step_steer.svg").read_text(encoding="utf-8").count("Yaw rate [deg/s]") == 1

@@ -28,6 +28,7 @@ from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
 from mirdrake.report.words import format_quantity, format_unit
+from mirdrake.single_track.dynamics import lateral_forces
 
 _TEMPLATE = "handling.html.jinja"
 _COLOURS = ("main", "own1", "edge", "own2", "own3")
@@ -116,7 +117,9 @@ def _powertrain(results: HandlingResults) -> str:
 def _plant(results: HandlingResults) -> str:
     plant = results.plant
     if results.model != "full":
-        return "brush tyres, relaxation"
+        # As of the variant that the rig chooses.
+        kind = results.facts.tyres if results.facts.tyres in lateral_forces() else "brush"
+        return f"{kind.replace('_', ' ')} tyres, relaxation"
     return f"{plant.get('contact')} contact, step {1000.0 * float(plant.get('time_step', 0.0)):g} ms"
 
 
@@ -129,7 +132,10 @@ def _warnings(results: HandlingResults) -> list[str]:
         )
     if results.model == "single_track":
         warnings.append(
-            "The single-track model has assumed cornering stiffnesses, no roll and no lateral load transfer."
+            "Load transfer and camber of the single-track model are those of small lateral accelerations, so that its "
+            "largest one may be too high."
+            if results.facts.has_tyre_law
+            else "The single-track model has assumed cornering stiffnesses, no roll and no lateral load transfer."
         )
     if not results.facts.pedals:
         warnings.append(
