@@ -5,6 +5,16 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    DefaultProximityProperties,
+    GeometrySet,
+    ProximityProperties,
+    Role,
+    SceneGraphConfig,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
@@ -15,9 +25,10 @@ from benchmarks.timing import Times, rates, timed
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram
 from mirdrake.controllers.ackermann import Ackermann
-from mirdrake.plant.plant import make_plant, set_start
+from mirdrake.plant.plant import DISSIPATION, VehicleInPlant, add_vehicle, add_world, set_start
+from mirdrake.plant.wheel_shape import make_wheel_shape
 from mirdrake.runs.simulation import Simulation
-from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles import Vehicle, load_vehicle
 
 STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0.010, 0.020)}
 """Plant steps [s] per contact setting."""
@@ -39,10 +50,11 @@ def make_spec(contact: str, step: float, *, approximation: str = "similar", left
 
 
 class BarePlant:
-    """The plant of a diagram, driven by C++ blocks alone, with the set-point of the diagram.
+    """A plant as Drake alone has it, with the contact, step and set-point of a diagram, driven by C++ blocks alone.
 
-    Wheel speeds and steering angles come from a trajectory and go to the joints' servos; there is no speed loop, no
-    driver, no rolling resistance, no log.
+    Its wheels turn with their contact shapes, whose friction drives and guides the car. Wheel speeds and steering
+    angles come from a trajectory and go to the joints' servos; there is no speed loop, no driver, no rolling
+    resistance, no log.
 
     Args:
         spec: the diagram.
@@ -54,8 +66,8 @@ class BarePlant:
         entry = spec.vehicles["ego"]
         vehicle = load_vehicle(entry.model, arguments=entry.arguments)
         builder = DiagramBuilder()
-        self.parts = make_plant(builder, spec.world.load(), {"ego": vehicle}, spec=spec.plant)
-        plant, self._part = self.parts.plant, self.parts.vehicles["ego"]
+        self.plant, self._part = _add_friction_plant(builder, spec, vehicle)
+        plant = self.plant
         count = plant.num_actuators(self._part.instance)
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices())
 
@@ -82,7 +94,7 @@ class BarePlant:
         """Drive from the start for a time [s]; the context at the end."""
         simulator = self._simulator
         context = simulator.get_system().CreateDefaultContext()
-        plant = self.parts.plant
+        plant = self.plant
         set_start(plant, plant.GetMyMutableContextFromRoot(context), self._part, x=0.0, y=0.0, yaw=0.0)
         simulator.reset_context(context)
         simulator.Initialize()
@@ -92,7 +104,7 @@ class BarePlant:
     def steady(self, duration: float, *, last: float = STEADY) -> dict[str, float]:
         """Return the accuracy of the bare drive, from samples of its last seconds."""
         context = self.run(max(duration - last, 0.01))
-        plant, base = self.parts.plant, self._part.base
+        plant, base = self.plant, self._part.base
         vx, wz = [], []
         for time in np.arange(context.get_time(), duration, 0.02):
             self._simulator.AdvanceTo(time)
@@ -104,6 +116,44 @@ class BarePlant:
         return circle_figures(np.array(vx), np.array(wz))
 
 
+def _add_friction_plant(
+    builder: DiagramBuilder, spec: DiagramSpec, vehicle: Vehicle
+) -> tuple[MultibodyPlant, VehicleInPlant]:
+    """Add a finalised plant with the vehicle of a diagram, whose wheels have contact friction instead of a tyre law."""
+    contact = spec.plant.contact
+    config = MultibodyPlantConfig(
+        time_step=spec.plant.time_step,
+        contact_model="hydroelastic_with_fallback" if contact == "hydroelastic" else "point",
+        discrete_contact_approximation=spec.plant.approximation,
+        stiction_tolerance=spec.plant.stiction_tolerance,
+        use_sampled_output_ports=False,
+    )
+    defaults = DefaultProximityProperties(hunt_crossley_dissipation=DISSIPATION, relaxation_time=0.0)
+    plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
+    part = add_vehicle(plant, vehicle, name="ego", contact=contact)
+    geometry, source = vehicle.geometry, plant.get_source_id()
+    for index, (joint, tyre) in enumerate(zip(part.wheels, part.tyres, strict=True)):
+        material = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+        material.UpdateProperty(
+            "material", "coulomb_friction", CoulombFriction(part.tyre_mu[index], part.tyre_mu[index])
+        )
+        scene_graph.RemoveRole(source, tyre, Role.kProximity)
+        shape = make_wheel_shape(
+            contact,
+            radius=geometry.wheel_radii[index],
+            width=geometry.wheel_widths[index],
+            mirrored=index % 2 == 1,
+        )
+        plant.RegisterCollisionGeometry(joint.child_body(), RigidTransform(), shape, f"turning_{index}", material)
+    # Nothing of the car touches itself.
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(part.instance)]
+    shapes = GeometrySet([shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)])
+    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(shapes))
+    add_world(plant, spec.world.load())
+    plant.Finalize()
+    return plant, part
+
+
 def _rolling_radius(signals: Any) -> float:
     """Return the speed over spin rate of the rear wheels at the end of a drive [m]."""
     last = signals.iloc[-1]
@@ -113,7 +163,7 @@ def _rolling_radius(signals: Any) -> float:
 def contact_faces(bare: BarePlant, duration: float) -> list[int]:
     """Polygons of each hydroelastic contact at the end of a bare drive."""
     context = bare.run(duration)
-    plant = bare.parts.plant
+    plant = bare.plant
     results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
     infos = [results.hydroelastic_contact_info(i) for i in range(results.num_hydroelastic_contacts())]
     return [info.contact_surface().num_faces() for info in infos]

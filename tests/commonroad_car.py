@@ -13,14 +13,13 @@ from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.plant.suspension import make_anti_roll
-from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
-from mirdrake.plant.wheels.tyre_forces import make_wheel_tyres
 from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import load_world
 from tests.commonroad_rig import GRAVITY, SAMPLE, SPEED, Array, Manoeuvre, Reference, Trace
+from tests.rigs import add_tyres
 from tests.tir_files import write_tir
 
 LINEAR_LOAD = 1e4
@@ -257,18 +256,9 @@ def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], 
         builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(time_step=step, contact="point", air_density=0.0)
     )
     plant, part = parts.plant, parts.vehicles["ego"]
-    rolling = builder.AddSystem(
-        RollingResistance(plant, make_rolling_wheels(part), ground=parts.ground, period=step, cancel_numerical=False)
-    )
-    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
-    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
-    tyres = make_wheel_tyres(plant, part, loads=4, first=0, friction=0.85)
+    _, tyres = add_tyres(builder, parts, period=step)
     bars = make_anti_roll(plant, part)
-    assert tyres is not None
-    builder.AddSystem(tyres)
-    builder.Connect(plant.get_state_output_port(), tyres.plant_state)
-    builder.Connect(rolling.wheel_load, tyres.wheel_load)
-    forces = [rolling.generalized_force, tyres.generalized_force]
+    forces = [tyres.generalized_force]
     if bars is not None:
         builder.AddSystem(bars)
         builder.Connect(plant.get_state_output_port(part.instance), bars.get_input_port())

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
+from mirdrake.plant.wheels import WheelReadings, WheelTyres
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -26,13 +26,19 @@ def free_rolling(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, control=control)
 
 
+def with_rolling_resistance(vehicle: Vehicle, coefficient: float) -> Vehicle:
+    """Return a vehicle with another coefficient of rolling resistance [1]."""
+    tyres = vehicle.spec.tyres.model_copy(update={"rolling_resistance": coefficient})
+    return replace(vehicle, spec=vehicle.spec.model_copy(update={"tyres": tyres}))
+
+
 @dataclass
 class CoastingCar:
     """A Bolt that rolls straight ahead on the flat; steering held at zero, nothing else acts."""
 
     parts: PlantParts
     part: VehicleInPlant
-    rolling: RollingResistance
+    readings: WheelReadings
     simulator: Simulator
 
     @property
@@ -45,41 +51,50 @@ class CoastingCar:
     @property
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
-        context = self.rolling.GetMyContextFromRoot(self.simulator.get_context())
-        return np.array(self.rolling.wheel_load.Eval(context))
+        context = self.readings.GetMyContextFromRoot(self.simulator.get_context())
+        return np.array(self.readings.wheel_load.Eval(context))
 
     def advance(self, duration: float) -> None:
         """Simulate on for a time [s]."""
         self.simulator.AdvanceTo(self.simulator.get_context().get_time() + duration)
 
 
+def add_tyres(
+    builder: DiagramBuilder, parts: PlantParts, *, period: float = 0.02, friction: float = 0.85
+) -> tuple[WheelReadings, WheelTyres]:
+    """Add the tyres of the only vehicle of a plant, whose wheels Drake's contact bears.
+
+    The generalised force of the tyres is left to be connected.
+    """
+    plant, (part,) = parts.plant, parts.vehicles.values()
+    readings = WheelReadings([part], measures=True, ground=parts.ground, scenery=(), period=period)
+    tyres = WheelTyres(plant, part, friction=friction)
+    builder.AddSystem(readings)
+    builder.AddSystem(tyres)
+    builder.Connect(plant.get_contact_results_output_port(), readings.contact_results)
+    builder.Connect(plant.get_state_output_port(), tyres.plant_state)
+    builder.Connect(readings.wheel_load, tyres.measured_load)
+    builder.Connect(tyres.resistance, readings.resistance_inputs[0])
+    return readings, tyres
+
+
 def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = None) -> CoastingCar:
     """Return a car that coasts from a speed [m/s], with the tyre's own rolling resistance or another coefficient."""
     builder = DiagramBuilder()
-    parts = make_plant(builder, load_world("empty"), {"ego": free_rolling(load_vehicle("bolt"))}, spec=spec)
-    plant, part = parts.plant, parts.vehicles["ego"]
-    wheels = make_rolling_wheels(part)
+    vehicle = free_rolling(load_vehicle("bolt"))
     if coefficient is not None:
-        wheels = [wheel._replace(coefficient=coefficient) for wheel in wheels]
-    rolling = builder.AddSystem(
-        RollingResistance(
-            plant,
-            wheels,
-            ground=parts.ground,
-            period=0.02,
-            cancel_numerical=spec.contact == "hydroelastic" and spec.rolling_resistance == "tyre",
-        )
-    )
-    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
-    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
-    builder.Connect(rolling.generalized_force, plant.get_applied_generalized_force_input_port())
+        vehicle = with_rolling_resistance(vehicle, coefficient)
+    parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=spec)
+    plant, part = parts.plant, parts.vehicles["ego"]
+    readings, tyres = add_tyres(builder, parts)
+    builder.Connect(tyres.generalized_force, plant.get_applied_generalized_force_input_port())
     straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
     builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0, speed=speed)
     simulator.Initialize()
-    return CoastingCar(parts, part, rolling, simulator)
+    return CoastingCar(parts, part, readings, simulator)
 
 
 def drive(duration: float, *, speed: float = 0.0, world: str = "empty", control: Any = None, **plant: Any) -> Run:

@@ -16,14 +16,14 @@ from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVecto
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.plant.suspension import make_anti_roll, make_bump_stops
-from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
+from mirdrake.plant.wheels import WheelReadings
 from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import MAIN_FILE, load_part
 from mirdrake.worlds import World, load_world
-from tests.rigs import free_rolling
+from tests.rigs import add_tyres, free_rolling
 
 GRAVITY = 9.80665
 FRONT = {"stiffness": 28000.0, "damping": 2000.0, "anti_roll": 20000.0}
@@ -56,7 +56,7 @@ class PushedCar:
 
     parts: PlantParts
     part: VehicleInPlant
-    rolling: RollingResistance
+    readings: WheelReadings
     simulator: Simulator
     log: VectorLogSink
 
@@ -67,7 +67,7 @@ class PushedCar:
     @property
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
-        return np.array(self.rolling.wheel_load.Eval(self.rolling.GetMyContextFromRoot(self.simulator.get_context())))
+        return np.array(self.readings.wheel_load.Eval(self.readings.GetMyContextFromRoot(self.simulator.get_context())))
 
     @property
     def state(self) -> np.ndarray:
@@ -117,11 +117,7 @@ def pushed_car(
     world = load_world(world) if isinstance(world, str) else world
     parts = make_plant(builder, world, {"ego": vehicle}, spec=spec, parked=["ego"] if parked else [])
     plant, part = parts.plant, parts.vehicles["ego"]
-    rolling = builder.AddSystem(
-        RollingResistance(plant, make_rolling_wheels(part), ground=parts.ground, period=0.01, cancel_numerical=False)
-    )
-    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
-    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
+    readings, tyres = add_tyres(builder, parts, period=0.01)
     com = plant.CalcCenterOfMassPositionInWorld(plant.CreateDefaultContext(), [part.instance])
     push = ExternallyAppliedSpatialForce()
     push.body_index, push.p_BoBq_B = part.base.index(), com
@@ -130,7 +126,7 @@ def pushed_car(
     builder.Connect(pushed.get_output_port(), plant.get_applied_spatial_force_input_port())
     more = [one for one in (make_anti_roll(plant, part), make_bump_stops(plant, part)) if one is not None]
     total = builder.AddSystem(Adder(1 + len(more), plant.num_velocities()))
-    builder.Connect(rolling.generalized_force, total.get_input_port(0))
+    builder.Connect(tyres.generalized_force, total.get_input_port(0))
     for index, one in enumerate(more, start=1):
         builder.AddSystem(one)
         builder.Connect(plant.get_state_output_port(part.instance), one.get_input_port())
@@ -142,4 +138,4 @@ def pushed_car(
     builder.Connect(plant.get_state_output_port(), log.get_input_port())
     simulator = Simulator(builder.Build())
     set_start(plant, plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), part, x=0.0, y=0.0, yaw=0.0)
-    return PushedCar(parts, part, rolling, simulator, log)
+    return PushedCar(parts, part, readings, simulator, log)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import Adder, ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble, load_diagram, make_spec
 from mirdrake.core.errors import ConfigError
@@ -19,7 +19,7 @@ from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
-from tests.rigs import free_rolling
+from tests.rigs import add_tyres, free_rolling, with_rolling_resistance
 
 AREA, DENSITY = 0.825, 1.2
 MASS = 1616.0 + 4 * 0.5 * 20.0  # with the spin of four cylinders of 20 kg
@@ -27,18 +27,18 @@ MASS = 1616.0 + 4 * 0.5 * 20.0  # with the spin of four cylinders of 20 kg
 
 def in_air(*, density=DENSITY, wind=(0.0, 0.0), **shape):
     """Return a Bolt with some of its aerodynamics changed, in a plant, and the air around it."""
-    vehicle = free_rolling(load_vehicle("bolt"))
+    vehicle = free_rolling(with_rolling_resistance(load_vehicle("bolt"), 0.0))
     air = vehicle.spec.aerodynamics.model_copy(update={"drag_area": AREA} | shape)
     vehicle = replace(vehicle, spec=vehicle.spec.model_copy(update={"aerodynamics": air}))
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(contact="point"))
-    part = parts.vehicles["ego"]
-    return builder, parts.plant, part, AirForces(parts.plant, part, density=density, wind=wind)
+    return builder, parts, AirForces(parts.plant, parts.vehicles["ego"], density=density, wind=wind)
 
 
 def air_force(*, speed, yaw=0.0, turning=0.0, **options):
     """Generalised force on the base [N m, N] in a state: forward speed [m/s], heading [rad], yaw rate [rad/s]."""
-    _, plant, part, air = in_air(**options)
+    _, parts, air = in_air(**options)
+    plant, part = parts.plant, parts.vehicles["ego"]
     root = plant.CreateDefaultContext()
     set_start(plant, root, part, x=3.0, y=-2.0, yaw=yaw, speed=speed)
     velocities = plant.GetVelocities(root).copy()
@@ -100,10 +100,15 @@ def test_lift_loads_each_axle_by_its_own_coefficient():
 @pytest.mark.parametrize("step", [0.0025, 0.005])
 @pytest.mark.parametrize("wind", [0.0, -10.0, 10.0])
 def test_coast_down_follows_the_closed_form(wind, step):
-    builder, plant, part, air = in_air(wind=(wind, 0.0))
+    builder, parts, air = in_air(wind=(wind, 0.0))
+    plant, part = parts.plant, parts.vehicles["ego"]
+    _, tyres = add_tyres(builder, parts)
+    total = builder.AddSystem(Adder(2, plant.num_velocities()))
     builder.AddSystem(air)
+    builder.Connect(tyres.generalized_force, total.get_input_port(0))
+    builder.Connect(air.generalized_force, total.get_input_port(1))
     builder.Connect(plant.get_state_output_port(), air.plant_state)
-    builder.Connect(air.generalized_force, plant.get_applied_generalized_force_input_port())
+    builder.Connect(total.get_output_port(), plant.get_applied_generalized_force_input_port())
     straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
     builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))
     simulator = Simulator(builder.Build())
@@ -144,7 +149,7 @@ def test_without_air_or_area_nothing_is_added():
 
     assert "ego.aerodynamics" in systems("bolt")
     assert "ego.aerodynamics" not in systems("bolt", air_density=0)
-    _, _, part, _ = in_air(drag_area=0.0)
+    part = in_air(drag_area=0.0)[1].vehicles["ego"]
     assert not has_air_forces(part, 1.2)
 
 
@@ -194,7 +199,8 @@ def test_a_gust_rises_and_falls_with_half_a_cosine():
     expected = (0.0, 0.0, 0.5 - 0.5 * np.cos(np.pi / 4.0), 0.5, 1.0, 1.0, 0.5, 0.0)
     assert [gust.strength(time) for time in times] == pytest.approx(expected)
     # In the middle of its rise the air of a car at rest has half of the speed, a quarter of the force.
-    _, plant, part, _ = in_air()
+    _, parts, _ = in_air()
+    plant, part = parts.plant, parts.vehicles["ego"]
     air = AirForces(plant, part, density=DENSITY, gusts=[gust])
     root, context = plant.CreateDefaultContext(), air.CreateDefaultContext()
     set_start(plant, root, part, x=0.0, y=0.0, yaw=0.0)

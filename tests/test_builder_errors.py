@@ -73,7 +73,9 @@ CASES = {
     "record.rte: unknown field; did you mean 'rate'": wrong(lambda d, ego: d.record(rte=3)),
     "laps: -1 is not allowed": wrong(lambda d, ego: d.stop_after(laps=-1)),
     "give the smallest and the largest value": wrong(lambda d, ego: d.sliders(duration=1.0, seed=3)),
-    "'ego.contrl' has no blocks to draw; these have: ego.control": wrong(lambda d, ego: d.draw("ego.contrl")),
+    "'ego.contrl' has no blocks to draw; these have: ego.tyres, ego.control": wrong(
+        lambda d, ego: d.draw("ego.contrl")
+    ),
     "no port matches 'ego.contrl.*'": wrong(lambda d, ego: d.ports("ego.contrl.*")),
     "linearize: unknown input 'ego.speed_referenc'; did you mean 'ego.speed_reference'": wrong(
         lambda d, ego: d.linearize("ego.speed_referenc")

@@ -320,7 +320,8 @@ def test_a_disabled_steering_loop_takes_a_torque_and_leaves_the_other_alone(vehi
         ends.append((torque, left.get_angle(context), right.get_angle(context)))
     (_, left, right), (torque, free, held) = ends
     assert torque == pytest.approx(0.5)  # without Drake's servo
-    assert held == pytest.approx(right, abs=1e-3)
+    # The free wheel turns the car a little, whose tyres then turn the held one against its servo.
+    assert held == pytest.approx(right, abs=2e-3)
     assert abs(free - left) > 10.0 * abs(held - right)
 
 
@@ -391,5 +392,5 @@ def test_the_drawing_shows_the_blocks_of_a_control_unit():
     assert '"ego.join" -> "ego.control.dead_man"' in text
     assert '"ego.control.speed_pid" -> "ego.control.wheel_speeds"' in text
     assert '"ego.control.actuators" -> "plant"' in text
-    with pytest.raises(ConfigError, match=r"'ego.truth' has no blocks to draw; these have: ego.control"):
+    with pytest.raises(ConfigError, match=r"'ego.truth' has no blocks to draw; these have: ego.tyres, ego.control"):
         write_dot(assemble("bolt_test_track", expand=True), expand=["ego.truth"])

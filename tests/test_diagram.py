@@ -196,7 +196,7 @@ def test_a_diagram_has_named_ports_and_systems() -> None:
     assert diagram.get_name() == "diagram"
     assert port_names(diagram) == ([], ["ego.state"])
     names = {system.get_name() for system in diagram.GetSystems()}
-    assert {"plant", "scene_graph", "ego.driver", "ego.control", "ego.truth", "rolling_resistance"} <= names
+    assert {"plant", "scene_graph", "ego.driver", "ego.control", "ego.truth", "wheel_readings", "ego.tyres"} <= names
 
 
 def test_a_plain_drake_simulator_steps_a_diagram() -> None:
@@ -370,7 +370,8 @@ def test_the_drawing_leads_from_driver_to_control_to_plant(own_drive: Path) -> N
     for arrow in ('"ego.driver" -> "ego.split"', '"ego.split" -> "scale"', '"scale" -> "ego.join"'):
         assert arrow in text
     assert '"ego.join" -> "ego.control"' in text
-    assert '"ego.control" -> "plant" [label="actuation\\ndesired_state"]' in text
+    assert '"ego.control" -> "plant" [label="desired_state"]' in text
+    assert '"ego.control" -> "ego.actuation"' in text
     assert 'subgraph "cluster_ego"' in text
     assert "log/" not in text
 
@@ -383,7 +384,7 @@ def test_the_drawing_shows_inputs_that_are_left_to_the_user() -> None:
 def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
     svg = draw_svg(assemble("bolt_test_track"))
     assert svg.startswith("<svg")
-    for word in ("driver", "PathTracker", "control", "plant", "MultibodyPlant", "rolling_resistance"):
+    for word in ("driver", "PathTracker", "control", "plant", "MultibodyPlant", "wheel_readings"):
         assert word in svg
 
 

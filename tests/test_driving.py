@@ -10,11 +10,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
-from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
-from tests.rigs import drive, free_rolling
+from tests.rigs import add_tyres, drive, free_rolling
 
 WHEELBASE = 2.601
 TOLERANCE = {"point": 0.005, "hydroelastic": 0.01}
@@ -157,12 +156,8 @@ def coast_on(world, vehicle, duration):
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world(world), {"ego": vehicle}, spec=PlantSpec(contact="point"))
     plant, part = parts.plant, parts.vehicles["ego"]
-    rolling = builder.AddSystem(
-        RollingResistance(plant, make_rolling_wheels(part), ground=parts.ground, period=0.02, cancel_numerical=False)
-    )
-    builder.Connect(plant.get_contact_results_output_port(), rolling.contact_results)
-    builder.Connect(plant.get_state_output_port(), rolling.plant_state)
-    builder.Connect(rolling.generalized_force, plant.get_applied_generalized_force_input_port())
+    _, tyres = add_tyres(builder, parts)
+    builder.Connect(tyres.generalized_force, plant.get_applied_generalized_force_input_port())
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0)

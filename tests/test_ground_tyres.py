@@ -125,11 +125,10 @@ def test_a_bump_of_75_millimetres(tmp_path: Path) -> None:
 
 
 def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
-    """Without load on any wheel, the centre of mass accelerates downwards with g within 2 %, and the vehicle lands.
+    """Without load on any wheel the centre of mass accelerates downwards with g within 2 %, and the vehicle lands.
 
-    The front bumper may touch the ground before the wheels do, so half of the flight is evaluated. The vehicle bounces
-    on bumpers and tyres, and at a given time any number of wheels may be in the air: each wheel must bear more than
-    its static load at some time, and the vehicle must stay upright.
+    It bounces on bumpers and tyres, so at a given time any number of wheels may be in the air: each wheel bears more
+    than its static load again, and the vehicle stays upright.
     """
     ramp = [{"ramp": {"at": [6.0, 0.0], "length": 6.0, "height": 0.8, "width": 6.0}}]
     signals = drive(tmp_path, relief=ramp, model="bolt", speed=12.0, step=0.0025, duration=3.0)
@@ -137,6 +136,7 @@ def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
     flying = (signals[WHEEL_LOADS].sum(axis=1) < 1.0).to_numpy()
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flying, [0]]).astype(int))).reshape(-1, 2)
     first, last = ends[np.argmax(ends[:, 1] - ends[:, 0])]  # the longest flight
+    # The front bumper touches the ground before the wheels do.
     air = signals.iloc[first + 2 : (first + last) // 2]
     assert len(air) > 40
     # Height of the centre of mass: 1.17 m ahead of the origin and 0.55 m above it, roughly; the pitch rate is constant.

@@ -54,7 +54,7 @@ from mirdrake.single_track import estimate_parameters
 from mirdrake.vehicles.joint_control import JOINT_CONTROLS
 
 def spec(machine_code, **control):
-    steering = {"kind": "sliding", "width": 0.05, "damping": 150.0, "torque": 800.0, **control}
+    steering = {"kind": "sliding", "width": 0.1, "damping": 100.0, "torque": 800.0, **control}
     return {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt", "speed": 5.0, "control": {"rate": 200, "steering": steering}}},

@@ -66,12 +66,12 @@ def figures(name):
     return inspect_vehicle(load_vehicle(name))
 
 
-def run(model, *, speed, duration, start=0.0, control=None):
+def run(model, *, speed, duration, start=0.0, control=None, contact="point"):
     spec = {
         "world": "empty",
         "vehicles": {"ego": {"model": model, "speed": start}},
         "control": {"ego": control or {"kind": "constant", "speed": speed}},
-        "plant": {"contact": "point"},
+        "plant": {"contact": contact},
     }
     return Simulation(assemble(spec)).run(duration=duration)
 
@@ -287,26 +287,46 @@ def test_the_published_unior_is_a_cuboid_with_the_copied_gains():
     assert vehicle.control.steering == SteeringPid(kind="pid", kp=100, ki=0.01, kd=10)
 
 
-def test_the_published_unior_limps():
-    # a derivative of 10 N m s² on 0.37 kg m²: the torque jumps between its limits
+def test_the_published_unior_does_not_move():
+    # a derivative of 10 N m s² on wheels of 0.008 kg m²: the torque jumps between its limits, and the wheels slide. A
+    # sampled derivative is stable below the inertia only, and on tyres that is the inertia of the wheel at first, not
+    # the 0.37 kg m² of robot and wheel
     moved = run("unior@published", speed=2.0, duration=8.0).signals.loc[5.0:]
-    assert 0.3 < moved["ego.vx"].mean() / 2.0 < 0.85
+    assert abs(moved["ego.vx"].mean()) < 0.1
     limit = load_vehicle("unior").spec.powertrain.max_torque / 2.0
     assert (moved["ego.wheel_torque.rear_left"].abs() > 0.99 * limit).mean() > 0.8
 
 
 def test_the_printed_steering_of_the_unior_turns_the_outer_wheel_more_and_so_runs_wide():
+    # in hydroelastic contact, whose discrete steps damp the heave; on the springs of the others the robot hops, as its
+    # front wheels scrub at the friction limit (see the next test)
     control = {"kind": "constant", "speed": 1.4, "steering": 0.4}
-    moved = run("unior@printed_steering", speed=1.4, duration=8.0, control=control).signals.loc[5.0:]
+    moved = run("unior@printed_steering", speed=1.4, duration=8.0, control=control, contact="hydroelastic")
+    moved = moved.signals.loc[5.0:]
     left, right = (moved[f"ego.steering_angle.{side}"].mean() for side in ("left", "right"))
     assert left == pytest.approx(0.5 * 0.4, rel=0.01)
     geometry = load_vehicle("unior").geometry
     ratio = geometry.kingpin_track / geometry.wheelbase
     assert 1.0 / np.tan(right) == pytest.approx(1.0 / np.tan(left) - ratio, rel=0.01)
     ideal = geometry.wheelbase / np.tan(left) - geometry.kingpin_track / 2.0  # the larger angle inside
-    radius = (moved["ego.vx"] / moved["ego.wz"]).mean()
+    radius = moved["ego.vx"].mean() / moved["ego.wz"].mean()
     assert 1.10 < radius / ideal < 1.20
     assert moved["ego.vx"].mean() == pytest.approx(1.4, rel=0.005)
+
+
+@pytest.mark.parametrize(("contact", "step"), [("point", 0.005), ("tyre", 0.0025)])
+def test_its_scrubbing_front_wheels_make_the_robot_hop_on_undamped_tyres(contact, step):
+    # friction is proportional to the load and pitches the robot, which changes the load: without a damping of heave of
+    # more than 14 % of critical (tyres: 1.4 %) this oscillation grows, at every step, until wheels lift off
+    spec = {
+        "world": "empty",
+        "vehicles": {"ego": {"model": "unior@printed_steering"}},
+        "control": {"ego": {"kind": "constant", "speed": 1.4, "steering": 0.4}},
+        "plant": {"contact": contact, "time_step": step},
+    }
+    moved = Simulation(assemble(spec)).run(duration=6.0).signals.loc[4.0:]
+    assert moved["ego.z"].std() > 2e-4
+    assert moved["ego.wz"].std() > 0.05
 
 
 def test_every_variant_has_a_one_line_description_and_sources_its_numbers():

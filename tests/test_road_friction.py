@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.core.constants import GRAVITY
-from mirdrake.plant.plant import matched_friction, set_start
+from mirdrake.plant.plant import set_start
 from mirdrake.runs.simulation import Simulation
 from mirdrake.worlds import make_world
 
@@ -154,12 +154,6 @@ def test_the_same_run_again_finds_the_same_ground(tmp_path):
     first, second = (simulation.run(duration=1.5).signals for _ in range(2))
     assert first.equals(second)
     assert first["ego.x"].iloc[-1] > 3.5  # asphalt alone would stop it after 2.2 m
-
-
-@pytest.mark.parametrize(("tyre", "road", "plane"), [(0.9, 0.1, 0.85), (0.5, 0.85, 0.85), (1.2, 0.3, 0.3)])
-def test_drakes_mean_of_tyre_and_plane_is_the_smaller_of_tyre_and_road(tyre, road, plane):
-    shape = matched_friction(tyre, road, plane=plane)
-    assert 2.0 * shape * plane / (shape + plane) == pytest.approx(min(tyre, road))
 
 
 def test_later_patches_lie_on_top():

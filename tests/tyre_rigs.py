@@ -121,7 +121,7 @@ def steady_forces(
     """Return tyre forces (4, 5) of a car held in one state."""
     context = tyres.CreateDefaultContext()
     tyres.plant_state.FixValue(context, np.array(state))
-    tyres.wheel_load.FixValue(context, np.array(loads))
+    tyres.measured_load.FixValue(context, np.array(loads))
     for _ in range(steps):
         updated = tyres.EvalUniquePeriodicDiscreteUpdate(context)
         context.get_mutable_discrete_state().SetFrom(updated)

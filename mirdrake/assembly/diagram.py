@@ -27,7 +27,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.assembly.parts.actors import TRAFFIC, add_traffic
-from mirdrake.assembly.parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
+from mirdrake.assembly.parts.forces import add_outer_forces, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start, start_of_actor
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
 from mirdrake.assembly.parts.taps import Tap, add_taps
@@ -40,7 +40,7 @@ from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
-from mirdrake.plant.wheels import GroundTyres, WheelTyres
+from mirdrake.plant.wheels import TyreSystem
 from mirdrake.sensors.cameras.camera import Camera
 from mirdrake.sensors.perception import add_cloud_overlays
 from mirdrake.worlds import Start
@@ -66,7 +66,7 @@ class Assembly:
         meshcat: shows the run, if it was given; a run draws in it outside of the diagram.
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
         arrays: sensors whose samples are arrays and shall be recorded, by name.
-        tyres: tyre models of the vehicles that have one, by name of the vehicle.
+        tyres: tyre systems of the vehicles, by name of the vehicle.
         outputs: names and units of the elements of all ports that `connect` may name first; None: they have no names.
         inputs: the same of those that it may name second.
         aliases: other names of ports and elements, as ``ego.vx`` for ``ego.state.vx``.
@@ -84,7 +84,7 @@ class Assembly:
     meshcat: Meshcat | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
-    tyres: dict[str, WheelTyres | GroundTyres] = field(default_factory=dict)
+    tyres: dict[str, TyreSystem] = field(default_factory=dict)
     outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     aliases: dict[str, str] = field(default_factory=dict)
@@ -246,15 +246,14 @@ def assemble(
         parts = replace(parts, actors=add_actors(parts.scene_graph, world, parts.actors))
     wiring = Wiring(builder, spec, factories=factories or {})
     add_traffic(wiring, parts, spec)
-    # Tyres with their own ground contact come first here: the vehicles' systems connect the actuators to them.
-    rolling = add_rolling_resistance(wiring, parts, spec)
+    # Tyres come first: the vehicles' systems connect the actuators to them.
+    readings, tyres = add_tyres(wiring, parts)
     tracks = {}
     for part in parts.vehicles.values():
         tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name], expand=expand)
         add_sensors(wiring, parts, part, spec)
-    # After the vehicles, whose powertrains are the default sources of the wheel torques; the sum of forces is last.
-    tyres = add_tyres(wiring, parts, rolling)
-    add_outer_forces(wiring, parts, rolling, spec)
+    # After the vehicles, whose powertrains are the default sources of the wheel torques.
+    add_outer_forces(wiring, parts, tyres, spec)
 
     # The user's own blocks, then all connections.
     folder = Path(spec.folder) if spec.folder is not None else None
@@ -274,7 +273,7 @@ def assemble(
         add_cloud_overlays(builder, meshcat, {name: wiring.systems[name] for name in drawn})
 
     # Logs and exports come after the connections: they depend on what is connected and on what is still open.
-    taps = add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
+    taps = add_taps(wiring, parts, readings, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
     # Cameras that nothing reads were not added; they count as unread outputs all the same.
     idle = [f"{vehicle}.{sensor}" for vehicle, sensor in cameras_of(spec, vehicles)]

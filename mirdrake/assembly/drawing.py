@@ -23,7 +23,7 @@ from mirdrake.controllers.control_diagram import HOLD
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 
 _COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle": "#e3f1e4"}
-_SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn below the plant
+_SERVANTS = {"scene_graph", "wheel_readings", "meshcat_visualizer"}  # drawn below the plant
 
 _ELEMENTS = {name: name.split("_")[0] for name in (*SPLIT[:2], *JOIN[:2])} | {SPLIT[2]: "stamp", JOIN[2]: "stamp"}
 _NUMBERED = re.compile(r"[uy][0-9]*")  # a numbered port without a name of its own

@@ -125,7 +125,7 @@ def _has_handling_variant(vehicle: "Vehicle") -> bool:
     """Return whether a vehicle that was named without a variant has no tyre slip, but a variant that has."""
     from mirdrake.vehicles.vehicle import VARIANT_MARK, variants
 
-    plain = VARIANT_MARK not in vehicle.name and not vehicle.spec.tyres.has_law
+    plain = VARIANT_MARK not in vehicle.name and not vehicle.spec.tyres.has_slip
     return plain and "handling" in variants(vehicle.folder)
 
 

@@ -73,6 +73,11 @@ def signals_of(port: InputPort | OutputPort) -> Signals | None:
     return book.get((_direction(port), port.get_name()))
 
 
+def name_elements(port: InputPort | OutputPort, contents: Sequence[Signal]) -> None:
+    """Give the elements of a port, such as one of a block of Drake, names and units."""
+    _remember(port.get_system(), _direction(port), port.get_name(), contents)
+
+
 def copy_signals(source: InputPort | OutputPort, target: InputPort | OutputPort) -> None:
     """Give a port, such as an exported one of a Diagram, the names and units of the port behind it."""
     contents = signals_of(source)

@@ -17,15 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from pydrake.geometry import ProximityProperties, RoleAssign
-from pydrake.multibody.plant import CoulombFriction
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.controllers.runtime_gains import set_gain
-from mirdrake.core.errors import ConfigError
-from mirdrake.plant.plant import matched_friction
 from mirdrake.vehicles import WHEELS, Vehicle
 from mirdrake.vehicles.spec import RuntimeGain
 from mirdrake.worlds import World
@@ -88,27 +84,6 @@ def _scale_mass(vehicle: str, assembly: Assembly, context: Context, value: float
 
 
 def _set_friction(assembly: Assembly, context: Context, value: float) -> None:
-    parts = assembly.parts
-    scene_graph, plane = parts.scene_graph, parts.world.road_mu
-    scene_context = scene_graph.GetMyMutableContextFromRoot(context)
-    for name, part in parts.vehicles.items():
-        model = assembly.tyres.get(name)
+    for tyres in assembly.tyres.values():
         for wheel in range(len(WHEELS)):
-            # A tyre model has its own coefficient; tyres in contact are changed in the scene graph of this Context.
-            if model is not None:
-                model.set_friction(model.GetMyMutableContextFromRoot(context), wheel, value)
-                continue
-            tyre = part.tyres[wheel]
-            properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
-            mu = _on_plane(part.tyre_mu[wheel], value, plane)
-            properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(mu, mu))
-            source = parts.plant.get_source_id()
-            # kReplace changes the role in this Context only; the model of the scene graph stays as built.
-            scene_graph.AssignRole(scene_context, source, tyre, properties, RoleAssign.kReplace)
-
-
-def _on_plane(tyre: float, road: float, plane: float) -> float:
-    """Return the friction of a tyre's shape that gives the contact with the plane that of tyre or road, the smaller."""
-    if min(tyre, road) > 1.9 * plane:  # Drake's mean with the plane stays below twice the plane's
-        raise ConfigError(f"road.friction {road:g} is too large; in this world it may be at most {1.9 * plane:g}")
-    return matched_friction(tyre, road, plane=plane)
+            tyres.set_friction(tyres.GetMyMutableContextFromRoot(context), wheel, value)

@@ -39,7 +39,7 @@ class Facts:
         steering_limit: largest bicycle angle [rad].
         steering_rate: largest rate of the road wheels [rad/s].
         tyres: kind of the tyres.
-        has_tyre_law: whether tyre forces come from a tyre law.
+        has_slip: whether tyre forces follow from slip.
         pedals: whether it is driven through pedals.
         top_speed: top speed on the flat, by power or governor [m/s].
 
@@ -59,7 +59,7 @@ class Facts:
     steering_limit: float
     steering_rate: float
     tyres: str
-    has_tyre_law: bool
+    has_slip: bool
     pedals: bool
     top_speed: float
 
@@ -131,7 +131,7 @@ def find_facts(vehicle: Vehicle) -> Facts:
         steering_limit=limit,
         steering_rate=geometry.steering_rate,
         tyres=spec.tyres.kind,
-        has_tyre_law=spec.tyres.has_law,
+        has_slip=spec.tyres.has_slip,
         pedals=vehicle.control.wheel_speed.uses_pedals,
         top_speed=_top_speed(vehicle, parameters, radius),
         scale=1.0 if length >= SMALL else length / CAR_WHEELBASE,

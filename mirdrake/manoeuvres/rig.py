@@ -113,7 +113,7 @@ class Rig:
 
         For tyres with a tyre law both models give the wheel load only; point contact takes half of the time.
         """
-        return str(self.plant.get("contact", "point" if self.facts.has_tyre_law else "hydroelastic"))
+        return str(self.plant.get("contact", "point" if self.facts.has_slip else "hydroelastic"))
 
     def with_step(self, time_step: float) -> "Rig":
         """Return the same rig with another time step of the plant [s], unless the user has set one."""

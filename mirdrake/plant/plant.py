@@ -23,7 +23,6 @@ from pydrake.geometry import (
     HalfSpace,
     ProximityProperties,
     Role,
-    RoleAssign,
     SceneGraph,
     SceneGraphConfig,
     Shape,
@@ -105,10 +104,6 @@ class PlantSpec(Schema):
         "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
     )
     stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
-    rolling_resistance: Literal["tyre", "raw"] = Field(
-        "tyre",
-        description="rolling resistance of the tyre (tyre), or the numerical one of discrete contact (raw) [-]",
-    )
     air_density: float = Field(1.2, ge=0.0, description="density of the air; 0: no aerodynamic forces [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
     gusts: list[GustSpec] = Field(default_factory=list, description="gusts, added to the wind")
@@ -180,11 +175,6 @@ class VehicleInPlant:
     suspension: tuple[Joint, ...] = ()
     terrain: Terrain = FLAT
 
-    @property
-    def tyre_model(self) -> bool:
-        """Whether tyre forces come from a tyre law, not from contact friction."""
-        return self.vehicle.spec.tyres.has_law
-
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """Return the compression of a front and a rear tyre at rest on level ground [m], in the finalised plant."""
         context = plant.CreateDefaultContext()
@@ -198,7 +188,7 @@ class VehicleInPlant:
     def rolling_radii(self, plant: MultibodyPlant) -> tuple[float, float]:
         """Return speed over spin rate of a front and a rear wheel that roll freely on level ground [m].
 
-        This is the height of the axle at rest, or the effective rolling radius of a tyre law.
+        This is the height of the axle at rest, or the effective rolling radius of tyres with slip.
         """
         geometry, tyres = self.vehicle.geometry, self.vehicle.spec.tyres
         if isinstance(tyres, SlipTyres):
@@ -277,7 +267,6 @@ def make_plant(
     ground, props = add_world(plant, world)
     exclude_world(plant, scene_graph, solid)
     for part in parts.values():
-        _match_tyres(plant, scene_graph, part, world)
         if wheel_contact == "tyre":
             for tyre in part.tyres:
                 _exclude_contact(scene_graph, tyre, [*ground, *props.bumps])
@@ -357,7 +346,7 @@ def add_vehicle(
             actuator.set_controller_gains(PdControllerGains(p=servo.stiffness, d=servo.damping))
 
     # Contact shapes of the tyres, and their compression.
-    tyres, turning = [], not vehicle.spec.tyres.has_law
+    tyres, frictions = [], []
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
         # Copies of the ids: those of GetCollisionGeometriesForBody keep the plant alive, and systems keep them.
@@ -367,11 +356,10 @@ def add_vehicle(
             raise ModelError(
                 f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
             )
-        shape = make_wheel_shape(
-            contact, radius=radius, width=width, mirrored=wheel.endswith("right"), fine=not turning
-        )
-        shape_tyre = _shape_turning_tyre if turning else _shape_fixed_tyre
-        tyres.append(shape_tyre(plant, scene_graph, joint, geometries[0], shape))
+        material = scene_graph.model_inspector().GetProximityProperties(geometries[0])
+        frictions.append(material.GetProperty("material", "coulomb_friction").dynamic_friction())
+        shape = make_wheel_shape(contact, radius=radius, width=width, mirrored=wheel.endswith("right"))
+        tyres.append(_shape_tyre(plant, scene_graph, joint, geometries[0], shape))
     inspector = scene_graph.model_inspector()
     # Both wheels of an axle have the same tyre.
     compression = _compressions(vehicle, contact, [inspector.GetProximityProperties(tyres[i]) for i in (0, 2)])
@@ -385,10 +373,7 @@ def add_vehicle(
         wheel_actuators=wheel_actuators,
         steering_actuators=steering_actuators,
         tyres=tuple(tyres),
-        tyre_mu=tuple(
-            inspector.GetProximityProperties(tyre).GetProperty("material", "coulomb_friction").dynamic_friction()
-            for tyre in tyres
-        ),
+        tyre_mu=tuple(frictions),
         compression=compression,
         parked=parked,
         suspension=_add_springs(plant, vehicle, instance),
@@ -408,29 +393,19 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
-def _shape_turning_tyre(
-    plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape
-) -> GeometryId:
-    """Change the shape of a wheel's collision geometry; return its id."""
-    # Drake forgets the filters of a geometry whose shape changes; they are applied again.
-    apart = _filtered_geometries(scene_graph, tyre)
-    source = plant.get_source_id()
-    scene_graph.ChangeShape(source_id=source, geometry_id=tyre, shape=shape, X_FG=RigidTransform())
-    _exclude_contact(scene_graph, tyre, apart)
-    return tyre
-
-
-def _shape_fixed_tyre(
+def _shape_tyre(
     plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
 ) -> GeometryId:
-    """Register the shape of a tyre with a tyre law on the wheel carrier, in place of the wheel; return its id.
+    """Register the shape of a tyre on the wheel carrier, in place of the wheel; return its id.
 
-    The shape has no friction, so its rotation has no physical effect. But a discrete step takes the patch of a turning
-    shape at the old angle and its pressure at the new one, which causes moments about all axes in proportion to speed
-    times step (:mod:`mirdrake.plant.wheels.rolling_resistance`). A shape that does not turn has no such moments.
+    The shape has no friction, as tyre forces come from the tyre law, so its rotation has no physical effect. But a
+    discrete step takes the patch of a turning shape at the old angle and its pressure at the new one. The load of a
+    rolling wheel would then act about v dt ahead of the axle, and brake it by many times the rolling resistance of a
+    tyre. A shape that does not turn has no such moments.
     """
     apart, source = _filtered_geometries(scene_graph, tyre), plant.get_source_id()
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
+    properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(0.0, 0.0))
     scene_graph.RemoveRole(source, tyre, Role.kProximity)
     # Pose of the wheel in its carrier at zero joint angle.
     X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
@@ -484,30 +459,6 @@ def _compressions(
     return result[0], result[1]
 
 
-def matched_friction(tyre: float, road: float, *, plane: float) -> float:
-    """Return the friction coefficient [-] for the shape of a tyre on the road plane.
-
-    Args:
-        tyre: coefficient of the tyre.
-        road: coefficient of the ground below it; the smaller one of both holds.
-        plane: coefficient of the road plane, the largest in the world.
-
-    Returns:
-        m for which 2 m plane / (m + plane), Drake's rule for a pair, is the smaller one of tyre and road.
-    """
-    wanted = min(tyre, road)
-    return wanted * plane / (2.0 * plane - wanted)
-
-
-def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleInPlant, world: World) -> None:
-    """Set the friction of the tyres for ground like the road plane; zero for tyres with a tyre law."""
-    for tyre, own in zip(part.tyres, part.tyre_mu, strict=True):
-        properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
-        value = 0.0 if part.tyre_model else matched_friction(own, world.road_mu, plane=world.road_mu)
-        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))
-        scene_graph.AssignRole(plant.get_source_id(), tyre, properties, RoleAssign.kReplace)
-
-
 def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[GeometryId, ...], PropsInPlant]:
     """Add ground, scenery and props of a world to a plant that is not finalised yet, after the vehicles.
 
@@ -531,7 +482,7 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
     body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform([0.0, 0.0, lowest])
     still = len(plant.GetCollisionGeometriesForBody(body))
     if still > MAX_SHAPES_WITH_HALF_SPACE:
-        # The plant also counts the shapes of wheels that those of tyres with a law have replaced.
+        # The plant also counts the shapes of wheels that those of their tyres have replaced.
         shapes = Parser(plant).scene_graph().model_inspector().NumGeometriesWithRole(Role.kProximity)
         if shapes - still > MAX_SHAPES_WITH_HALF_SPACE:
             side = 2.0 * (max(map(abs, world.ground.extent)) + _MARGIN)

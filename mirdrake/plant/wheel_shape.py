@@ -23,20 +23,14 @@ from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 
 ContactModel = Literal["hydroelastic", "point", "tyre"]
 
-SEGMENTS = 32
-"""Number of sectors around the circumference: 6 cm of tread each for a car. Measured on a circle at 5 m/s, 16 and 24
-sectors triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; the cost differs by 5 %."""
-
-FINE_SEGMENTS = 64
-"""Number of sectors where a tyre law takes its load from the contact. At depths of 4 to 12 mm the load differs
-from the closed form of a round wheel by up to 1.4 %, by 0.8 % from one angle to another; with 32 by 5 and 9 %."""
+SEGMENTS = 64
+"""Number of sectors around the circumference. At depths of 4 to 12 mm the load differs from the closed form of a round
+wheel by up to 1.4 %, by 0.8 % from one angle to another; with 32 by 5 and 9 %."""
 
 Point = tuple[float, float, float]
 
 
-def make_wheel_shape(
-    contact: ContactModel, *, radius: float, width: float, mirrored: bool = False, fine: bool = False
-) -> Shape:
+def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirrored: bool = False) -> Shape:
     """Return the contact shape of a wheel whose spin axis is the y axis of its frame.
 
     Args:
@@ -44,12 +38,10 @@ def make_wheel_shape(
         radius: outer radius [m].
         width: width of the tread [m].
         mirrored: whether the wheel is on the right side, see :func:`write_wheel_vtk`.
-        fine: whether the load must be that of a round wheel, see :data:`FINE_SEGMENTS`.
     """
     if contact != "hydroelastic":
         return Ellipsoid(radius, width / 2.0, radius)
-    segments = FINE_SEGMENTS if fine else SEGMENTS
-    contents = write_wheel_vtk(radius=radius, width=width, segments=segments, mirrored=mirrored)
+    contents = write_wheel_vtk(radius=radius, width=width, segments=SEGMENTS, mirrored=mirrored)
     return Mesh(InMemoryMesh(mesh_file=MemoryFile(contents, ".vtk", "wheel")))
 
 

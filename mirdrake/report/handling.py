@@ -125,7 +125,7 @@ def _plant(results: HandlingResults) -> str:
 
 def _warnings(results: HandlingResults) -> list[str]:
     warnings = []
-    if not results.facts.has_tyre_law and results.model == "full":
+    if not results.facts.has_slip and results.model == "full":
         warnings.append(
             "The tyres are of kind coulomb: dry friction without slip angles. Understeer, response times and the "
             "behaviour at the limit are those of dry friction, not of tyres."

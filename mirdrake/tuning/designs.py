@@ -85,7 +85,7 @@ class DesignModel:
     Attributes:
         main: transfer function; None if only the rules for a double integrator fit the loop.
         first: first order with delay, or an integrator.
-        lagged: gain [y/(u s)], delay [s] and lag [s] of an integrator with lag.
+        lagged: `first` without the half of its lag in the dead time, and the lag [s].
         inertial: gain [y/(u s²)] and delay [s] of a double integrator.
         relay: result of the relay test.
         max_sensitivity: bound on Ms for loop shaping [1].
@@ -93,7 +93,7 @@ class DesignModel:
 
     main: TransferFunction | None
     first: FirstOrder | Integrator | None
-    lagged: tuple[float, float, float] | None
+    lagged: tuple[FirstOrder | Integrator, float] | None
     inertial: tuple[float, float] | None
     relay: RelayResult | None
     max_sensitivity: float
@@ -145,17 +145,18 @@ def _lambda(model: DesignModel) -> Iterator[Solution]:
         yield f"lambda {time:.3g} s", time, partial(lambda_tuning, model.first, time)
 
 
-def _simc_lag(model: DesignModel) -> Iterator[Solution]:
+def _simc_lag(model: DesignModel, times: Sequence[float] = FAST) -> Iterator[Solution]:
     if model.lagged is not None:
-        for time in FAST:
-            yield f"SIMC lag {time:g}", time, partial(_integrator_with_lag, model.lagged, time)
+        for time in times:
+            yield f"SIMC lag {time:g}", time, partial(_with_lag, *model.lagged, time)
             yield from _simc_lag_pd(model, (time,))
 
 
 def _simc_lag_pd(model: DesignModel, times: Sequence[float]) -> Iterator[Solution]:
-    if model.lagged is not None:
+    # Without an integral part only an integrator reaches its set-point.
+    if model.lagged is not None and isinstance(model.lagged[0], Integrator):
         for time in times:
-            yield f"SIMC lag PD {time:g}", time, partial(_integrator_with_lag, model.lagged, time, integral=False)
+            yield f"SIMC lag PD {time:g}", time, partial(_with_lag, *model.lagged, time, integral=False)
 
 
 def _relay(model: DesignModel) -> Iterator[Solution]:
@@ -215,8 +216,8 @@ DESIGN_RULES: dict[str, DesignRule] = {
         DesignRule("lambda", "lambda tuning, closed-loop time of {parameter:.3g} s, three dead times", _lambda),
         DesignRule(
             "simc_lag",
-            "Skogestad's rule for an integrator with lag, closed-loop time of {parameter:g} dead times; PD: without "
-            "the integral part, so that a step does not overshoot",
+            "Skogestad's rule for an integrator or a first order with a second lag, closed-loop time of {parameter:g} "
+            "dead times; PD: without the integral part, so that a step does not overshoot",
             _simc_lag,
         ),
         DesignRule("ziegler_nichols_relay", "frequency response rule of Ziegler and Nichols, relay feedback", _relay),
@@ -272,7 +273,8 @@ def slower_designs(identification: Identification) -> tuple[Design, ...]:
     if model.inertial is not None:
         rule, solutions = "simc_inertia", _simc_inertia_pd(model, SLOW)
     elif model.lagged is not None:
-        rule, solutions = "simc_lag", _simc_lag_pd(model, SLOW)
+        integrates = isinstance(model.lagged[0], Integrator)
+        rule, solutions = "simc_lag", (_simc_lag_pd if integrates else _simc_lag)(model, SLOW)
     else:
         rule, solutions = "simc", _simc(model, SLOW)
     return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), identification.loop)[0]
@@ -297,8 +299,9 @@ def design_model(identification: Identification, max_sensitivity: float) -> Desi
     )
     lagged = None
     # `first` has half of the lag as dead time (half rule); for the rule with a lag it is removed again.
-    if identification.lag and isinstance(first, Integrator):
-        lagged = (first.gain, first.delay - 0.5 * identification.lag + hold, identification.lag)
+    if identification.lag and first is not None:
+        lag = identification.lag
+        lagged = (replace(first, delay=first.delay - 0.5 * lag + hold), lag)
     return DesignModel(
         main=replace(main, delay=main.delay + hold),
         first=None if first is None else replace(first, delay=first.delay + hold),
@@ -351,16 +354,18 @@ def _double_integrator_pd(gain: float, delay: float, closed_loop_time: float) ->
     return PidGains(kp, 0.0, 4.0 * total * kp)
 
 
-def _integrator_with_lag(lagged: tuple[float, float, float], times: float, *, integral: bool = True) -> PidGains:
-    """Return SIMC for an integrator with lag, ``gain exp(-L s) / (s (1 + T2 s))``.
+def _with_lag(model: FirstOrder | Integrator, lag: float, times: float, *, integral: bool = True) -> PidGains:
+    """Return SIMC for a model with a second lag, ``1 / (1 + T2 s)``.
 
-    Series PID with τc = `times` L: Kc = 1/(gain (τc + L)), τI = 4 (τc + L), τD = T2; without integral part its PD part.
-    Source: Skogestad (2003), table 1.
+    Series PID: Kc and τI of :func:`mirdrake.tuning.rules.simc` with τc = `times` dead times, τD = T2; without integral
+    part its PD part. Source: Skogestad (2003), table 1.
     """
-    gain, delay, lag = lagged
-    total = times * delay + delay
-    kp = 1.0 / (gain * total)
-    return from_series(kp, 4.0 * total, lag) if integral else PidGains(kp, 0.0, kp * lag)
+    total = times * model.delay + model.delay
+    if isinstance(model, Integrator):
+        kp, reset = 1.0 / (model.gain * total), 4.0 * total
+    else:
+        kp, reset = model.time_constant / (model.gain * total), min(model.time_constant, 4.0 * total)
+    return from_series(kp, reset, lag) if integral else PidGains(kp, 0.0, kp * lag)
 
 
 def _ultimate_gains(main: TransferFunction) -> PidGains:

@@ -77,8 +77,7 @@ class Identification:
             against each other; only for steering loops with little damping.
         relay: None without a limit cycle.
         frequency: None if it was not measured.
-        lag: time constant behind the integrator `first`, half of which is in its delay [s]; only for damped steering
-            loops.
+        lag: time constant behind `first`, half of which is in its delay [s]; only for damped steering loops.
     """
 
     loop: LoopSpec
@@ -184,6 +183,42 @@ def fit_response(
     )
     best = model(fit.x)
     return best, response_fit(response, best)
+
+
+def fit_joint(response: FrequencyResponse, start: tuple[float, ...]) -> tuple[TransferFunction, float]:
+    """Fit an inertia with damping and stiffness, ``b / (s² + a1 s + a0)`` with dead time, to a frequency response.
+
+    The stiffness is that of a spring which relaxes, ``a0 (s + z) / (s + p)``, if the data are evidence (Schwarz's
+    criterion, as in :func:`fit_factors`): a rolling tyre resists a turn by the deflection of its patch, which fades as
+    it rolls.
+
+    Args:
+        response: from a torque to an angle.
+        start: first guess of b, a1, a0 and the dead time [s].
+
+    Returns:
+        The model, and how well it fits [%].
+    """
+    plain, _ = fit_response(response, start, order=2)
+
+    def model(x: Floats) -> TransferFunction:
+        b, a1, a0, z, p, delay = (float(value) for value in np.exp(x))
+        return TransferFunction((b, b * p), (1.0, a1 + p, a1 * p + a0, a0 * z), min(delay, 1.0))
+
+    lowest, highest = float(response.frequencies[0]), float(response.frequencies[-1])
+    fits = []
+    # The misfit has several minima over the rate of the relaxation.
+    for rate in np.geomspace(lowest, highest, 6)[1:-1]:
+        b, a1, _, delay = start
+        begin = np.log([b, a1, a1 * rate, 0.3 * rate, rate, delay])
+        fit = scipy.optimize.least_squares(
+            lambda x: _log_ratio(response, model(x)), begin, bounds=(begin - 5.0, begin + 5.0), max_nfev=200
+        )
+        fits.append((float(np.sum(fit.fun**2)), fit.x))
+    misfit, best = min(fits, key=lambda pair: pair[0])
+    before, data = float(np.sum(_log_ratio(response, plain) ** 2)), 2 * len(response.frequencies)
+    chosen = plain if before - misfit < 2 * math.log(data) * LEAST_DEVIATION**2 else model(best)
+    return chosen, response_fit(response, chosen)
 
 
 def fit_factors(
@@ -298,11 +333,18 @@ def simple_experiment(
 
 
 def inertial_experiment(name: ExperimentName, model: TransferFunction, fit_percent: float) -> Experiment:
-    """Return an experiment that gave an inertia with damping and stiffness."""
+    """Return an experiment that gave an inertia with damping and stiffness, of a spring that relaxes or not."""
+    damping, stiffness, relaxation = model.denominator[1], model.denominator[2], {}
+    if len(model.numerator) > 1:  # of fit_joint
+        rate = model.numerator[1] / model.numerator[0]
+        damping -= rate
+        stiffness -= damping * rate
+        relaxation = {"relaxation_time": Parameter(1.0 / rate, "s")}
     values = {
         "gain": Parameter(model.numerator[0], "y/(u s²)"),
-        "damping": Parameter(model.denominator[1], "1/s"),
-        "stiffness": Parameter(model.denominator[2], "1/s²"),
+        "damping": Parameter(damping, "1/s"),
+        "stiffness": Parameter(stiffness, "1/s²"),
+        **relaxation,
         "delay": Parameter(model.delay, "s"),
     }
     return Experiment(name, "inertia", values, fit_percent)

@@ -71,11 +71,11 @@ class Tyres(Schema):
     """Tyres of a vehicle, of any kind.
 
     Attributes:
-        has_law: whether tyre forces come from a tyre law; if not, from the friction of the contact alone.
+        has_slip: whether forces follow from slip; if not, they are Coulomb friction (:mod:`mirdrake.tyres.coulomb`).
         fitted: entries that identified parameters are written to, by parameter.
     """
 
-    has_law: ClassVar[bool] = False
+    has_slip: ClassVar[bool] = False
     fitted: ClassVar[Mapping[str, FittedEntry]] = {}
 
     kind: str
@@ -108,7 +108,7 @@ class Tyres(Schema):
 
 
 class SlipTyres(Tyres):
-    """Tyres with a tyre law: forces follow from slip.
+    """Tyres whose forces follow from slip.
 
     Attributes:
         law: the law in steady state.
@@ -116,7 +116,7 @@ class SlipTyres(Tyres):
             Fy [N] in pure lateral slip, for the single-track model; None if the law is not available there.
     """
 
-    has_law: ClassVar[bool] = True
+    has_slip: ClassVar[bool] = True
     law: ClassVar[SteadyLaw]
     lateral_force: ClassVar[Callable[[Value, Value, Value, Value, Value], Value] | None] = None
 
@@ -143,7 +143,7 @@ class SlipTyres(Tyres):
         return 1.3, 0.0
 
     def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:
-        """Return the laws of front and rear tyres; each kind with ``has_law`` defines it.
+        """Return the laws of front and rear tyres; each kind defines it.
 
         Args:
             folder: folder of the vehicle.

@@ -1,7 +1,7 @@
-"""Tyres without a tyre law: Coulomb friction.
+"""Tyres with Coulomb friction: a stiff brush.
 
-In Drake's contact its friction is that of the contact. Where tyres touch the ground themselves (`plant.contact: tyre`),
-Coulomb friction is a stiff brush: slip stays small up to the friction limit, and a standing tyre sticks.
+Slip stays small up to the friction limit, and a standing tyre sticks. Forces and stiffnesses are proportional to the
+load. The pivoting moment is in :mod:`mirdrake.plant.wheels.step`.
 """
 
 from typing import Literal
@@ -17,18 +17,21 @@ angle is 0.2 degrees."""
 PIVOT_STIFFNESS = 30.0
 """Slip stiffness over the load for the pivoting moment [1], that of a tyre: a rolling patch bends along a curve."""
 
-LENGTH = 0.25
+LENGTH = 0.5
 """Relaxation length of the brush [m]. At standstill the tyre is a spring of stiffness C / σ; a vehicle oscillates on it
-with √(g C / (N σ)) = 77 rad/s, for which steps of 20 ms are stable."""
+with √(g C / (N σ)) = 54 rad/s, for which steps of 20 ms are stable."""
 
-DAMPING = 2.5
+PIVOT_LENGTH = 0.25
+"""Relaxation length of the pivoting moment [m]: a patch takes up a turn within about its own length."""
+
+DAMPING = 1.5
 """Damping of the brush at all speeds over its load [s/m]. A wheel of inertia I and radius R would oscillate on the
-brush above walking pace, and control loops of its spin would excite this. Critical damping is 2 √(I C / σ) / R: 2.6 s/m
-times the load for a car, 3.3 s/m for a robot of 44 kg."""
+brush above walking pace, and control loops of its spin would excite this. Critical damping is 2 √(I C / σ) / R: 1.8 s/m
+times the load for a car, 2.3 s/m for a robot of 44 kg."""
 
 
 class CoulombTyres(Tyres):
-    """Tyres with Coulomb friction of the contact and rolling resistance only."""
+    """Tyres with Coulomb friction and rolling resistance only."""
 
     kind: Literal["coulomb"] = "coulomb"
 

@@ -19,6 +19,6 @@ TyreSpec = Annotated[Tyres, SelectedByKind(TYRES, default="coulomb")]
 """Tyres of a vehicle; the default kind is coulomb."""
 
 
-def kinds_with_law() -> list[str]:
-    """Return the kinds of tyres that have a tyre law."""
-    return [kind for kind, tyres in TYRES.items() if tyres.has_law]
+def kinds_with_slip() -> list[str]:
+    """Return the kinds of tyres with slip."""
+    return [kind for kind, tyres in TYRES.items() if tyres.has_slip]

@@ -9,7 +9,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml
 from mirdrake.core.yaml_io import where as where_in
-from mirdrake.tyres.registry import kinds_with_law
+from mirdrake.tyres.registry import kinds_with_slip
 from mirdrake.vehicles.geometry import VehicleGeometry, measure_geometry
 from mirdrake.vehicles.inspect_urdf import check_actuators, check_urdf, resolve_meshes
 from mirdrake.vehicles.mounts import SensorsSpec
@@ -191,10 +191,10 @@ def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
     Raises:
         ConfigError: the wheels are driven by pedals, and the tyres have no law.
     """
-    if control.wheel_speed.uses_pedals and not spec.tyres.has_law:
+    if control.wheel_speed.uses_pedals and not spec.tyres.has_slip:
         raise ConfigError(
-            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind {' or '.join(kinds_with_law())}, and "
-            f"those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
+            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind {' or '.join(kinds_with_slip())}, "
+            f"and those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
         )
 
 

@@ -1,119 +1,65 @@
-"""External forces on the plant: rolling resistance, tyres, air, suspensions, and their sum."""
+"""External forces on the plant: tyres, air, suspensions, and their sum."""
+
+from collections.abc import Mapping
 
 from pydrake.systems.framework import OutputPort
 from pydrake.systems.primitives import Adder
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.wiring import Wiring
-from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
-from mirdrake.core.yaml_io import where
 from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.suspension import arms_transmit, make_anti_roll, make_arms, make_bump_stops
-from mirdrake.plant.wheels import (
-    LOAD_PERIOD,
-    GroundReadings,
-    GroundTyres,
-    RollingResistance,
-    WheelTyres,
-    make_rolling_wheels,
-    make_wheel_tyres,
-)
+from mirdrake.plant.wheels import LOAD_PERIOD, GroundTyres, TyreSystem, WheelReadings, WheelTyres
 
 
-def add_ground_tyres(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> GroundReadings:
-    """Add the tyres that touch the ground themselves, and the system that collects their loads."""
-    plant, names = parts.plant, list(parts.vehicles)
-    # Contacts are counted as often as the fastest control unit runs.
-    rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
-    scenery = {*parts.ground, *parts.props.owners}
-    readings = GroundReadings(names, scenery=scenery, period=1.0 / rate)
-    wiring.add("rolling_resistance", readings)
-    wiring.link(plant.get_contact_results_output_port(), readings.contact_results)
-    for index, (name, part) in enumerate(parts.vehicles.items()):
-        tyres = GroundTyres(
-            plant,
-            part,
-            parts.terrain,
-            friction=parts.world.road_mu,
-            rolling_resistance=spec.plant.rolling_resistance == "tyre",
-        )
-        wiring.add(f"{name}.tyres", tyres)
-        wiring.link(plant.get_state_output_port(), tyres.plant_state)
-        wiring.link(tyres.wheel_load, readings.load_inputs[index])
-        wiring.link(tyres.resistance, readings.resistance_inputs[index])
-    return readings
-
-
-def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance | GroundReadings:
-    """Add one system for all wheels, so that contact results are read once."""
-    if parts.wheel_contact == "tyre":
-        return add_ground_tyres(wiring, parts, spec)
-    plant = parts.plant
-    rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
-    wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
-    # `raw` keeps the numerical resistance of Drake and adds none; point contact has none to cancel.
-    raw = spec.plant.rolling_resistance == "raw"
-    cancel = not raw and parts.wheel_contact == "hydroelastic"
-    tyre_models = any(part.tyre_model for part in parts.vehicles.values())
-    system = RollingResistance(
-        plant,
-        [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
-        ground=parts.ground,
-        scenery=parts.props.owners,
-        # Cancellation and tyre laws need loads at the rate of the control; otherwise a slow update is sufficient.
-        period=1.0 / rate if cancel or tyre_models else LOAD_PERIOD,
-        cancel_numerical=cancel,
-        machine_code=tyre_models or spec.plant.machine_code,
+def add_tyres(wiring: Wiring, parts: PlantParts) -> tuple[WheelReadings, dict[str, TyreSystem]]:
+    """Add the tyres of all vehicles, and the system that reads their loads; the vehicles' systems connect to them."""
+    plant, vehicles = parts.plant, list(parts.vehicles.values())
+    measures = parts.wheel_contact != "tyre"
+    # Contact results are read once for all wheels, as often as the fastest control unit runs. The load of point contact
+    # is proportional to the compression, and Coulomb friction to the load, so few measurements are sufficient.
+    period = 1.0 / max(part.vehicle.control.rate for part in vehicles)
+    if parts.wheel_contact == "point" and not any(part.vehicle.spec.tyres.has_slip for part in vehicles):
+        period = LOAD_PERIOD
+    readings = WheelReadings(
+        vehicles, measures=measures, ground=parts.ground, scenery=parts.props.owners, period=period
     )
-    wiring.add("rolling_resistance", system)
-    wiring.link(plant.get_contact_results_output_port(), system.contact_results)
-    wiring.link(plant.get_state_output_port(), system.plant_state)
-    return system
+    wiring.add("wheel_readings", readings)
+    wiring.link(plant.get_contact_results_output_port(), readings.contact_results)
 
-
-def add_tyres(
-    wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings
-) -> dict[str, WheelTyres | GroundTyres]:
-    """Add the tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
-    plant = parts.plant
-    models: dict[str, WheelTyres | GroundTyres] = {}
-    for index, (name, part) in enumerate(parts.vehicles.items()):
-        tyres: WheelTyres | GroundTyres | None = None
-        # With contact geometry the loads are those of the contact solver; ground tyres know their own.
-        if isinstance(rolling, RollingResistance):
+    models: dict[str, TyreSystem] = {}
+    for index, part in enumerate(vehicles):
+        friction = parts.world.road_mu
+        tyres: TyreSystem
+        if measures:
             # One system has the loads of all vehicles; each tyre system reads its part of them.
-            first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
-            wheel_tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
-            if wheel_tyres is None:
-                continue
-            wiring.add(f"{name}.tyres", wheel_tyres)
-            wiring.link(plant.get_state_output_port(), wheel_tyres.plant_state)
-            wiring.link(rolling.wheel_load, wheel_tyres.wheel_load)
-            tyres = wheel_tyres
+            first, loads = index * len(part.wheels), len(vehicles) * len(part.wheels)
+            tyres = WheelTyres(plant, part, loads=loads, first=first, friction=friction)
+            wiring.add(f"{part.name}.tyres", tyres)
+            wiring.link(readings.wheel_load, tyres.measured_load)
         else:
-            tyres = wiring.systems[f"{name}.tyres"]
-        # Wheel torques of a powertrain go into the tyre system, which advances the spin of the wheels with them.
-        wiring.sinks[f"{name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
-        wiring.sources[f"{name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
-        if f"{name}.wheel_torque" in wiring.sources:
-            wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
-        models[name] = tyres
-    return models
+            tyres = GroundTyres(plant, part, parts.terrain, friction=friction)
+            wiring.add(f"{part.name}.tyres", tyres)
+            wiring.link(tyres.wheel_load, readings.load_inputs[index])
+        wiring.link(plant.get_state_output_port(), tyres.plant_state)
+        wiring.link(tyres.resistance, readings.resistance_inputs[index])
+        wiring.sinks[f"{part.name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
+        wiring.sources[f"{part.name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
+        models[part.name] = tyres
+    return readings, models
 
 
-def add_outer_forces(
-    wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings, spec: DiagramSpec
-) -> None:
+def add_outer_forces(wiring: Wiring, parts: PlantParts, tyres: Mapping[str, TyreSystem], spec: DiagramSpec) -> None:
     """Add aerodynamics and the forces of suspensions, and the sum of all external forces."""
     plant = parts.plant
-    # Ground tyres contain the rolling resistance, so their readings have no force.
-    forces: list[OutputPort] = [rolling.generalized_force] if isinstance(rolling, RollingResistance) else []
+    forces: list[OutputPort] = []
     for name, part in parts.vehicles.items():
-        tyres = wiring.systems.get(f"{name}.tyres")
-        if isinstance(tyres, WheelTyres | GroundTyres):
-            forces.append(tyres.generalized_force)
+        forces.append(tyres[name].generalized_force)
+        # A powertrain, if there is one, drives and brakes the wheels.
+        if f"{name}.wheel_torque" in wiring.sources:
+            wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
         anti_roll = make_anti_roll(plant, part)
         if anti_roll is not None:
             wiring.add(f"{name}.anti_roll", anti_roll)
@@ -125,14 +71,9 @@ def add_outer_forces(
             wiring.link(plant.get_state_output_port(part.instance), stops.get_input_port())
             forces.append(stops.get_output_port())
         if arms_transmit(part.vehicle):
-            if not isinstance(tyres, WheelTyres | GroundTyres):
-                raise ConfigError(
-                    f"{where(part.vehicle.spec, 'suspension')}: roll centres, anti_brake and anti_drive need "
-                    "the forces of a tyre law; choose a kind of tyres other than coulomb"
-                )
-            arms = make_arms(plant, part, forces=tyres.tyre_forces.size())
+            arms = make_arms(plant, part, forces=tyres[name].tyre_forces.size())
             wiring.add(f"{name}.suspension_arms", arms)
-            wiring.link(tyres.tyre_forces, arms.get_input_port())
+            wiring.link(tyres[name].tyre_forces, arms.get_input_port())
             forces.append(arms.get_output_port())
         if has_air_forces(part, spec.plant.air_density):
             gusts = [Gust(one.velocity, one.start, one.duration, one.rise) for one in spec.plant.gusts]

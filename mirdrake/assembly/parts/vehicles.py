@@ -18,7 +18,6 @@ from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 from mirdrake.plant.powertrain import PEDALS, DifferentialCoupling, Powertrain
-from mirdrake.plant.wheels import GroundTyres
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.worlds import Start
@@ -121,11 +120,9 @@ def add_vehicle_systems(
 
 
 def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> InputPort:
-    """Return the input of the torques of the actuators; tyres that predict the spin of the wheels also get them."""
+    """Return the input of the torques of the actuators; the tyres, which predict the spin, get them as well."""
     port = parts.plant.get_actuation_input_port(part.instance)
-    tyres = wiring.systems.get(f"{part.name}.tyres")
-    if not isinstance(tyres, GroundTyres):
-        return port
+    tyres = wiring.systems[f"{part.name}.tyres"]
     # The input of the plant and that of the tyres must get the same torques, also if the user replaces them.
     split = PassThrough(port.size())
     wiring.add(f"{part.name}.actuation", split)

@@ -155,7 +155,7 @@ class PlantModel(SimulatedModel):
         if self._way == "pedals":
             systems["pedals_table"] = {"kind": f"{_BLOCKS}Table", "size": 3}
             connect.append(["pedals_table.y", f"{EGO}.pedals_reference"])
-        if self._vehicle.spec.tyres.has_law:
+        if self._vehicle.spec.tyres.has_slip:
             # Rolling resistance is in the tyre law and not in the Context: its change is added as a moment on the
             # torques.
             systems["moments"] = {"kind": f"{_BLOCKS}WheelMoments"}
@@ -386,7 +386,7 @@ def _find_drive(requested: str | None, channels: set[str], vehicle: Vehicle) -> 
     Raises:
         ConfigError: not possible for this vehicle, or a channel is missing.
     """
-    able = {"torque": vehicle.spec.tyres.has_law, "pedals": vehicle.control.wheel_speed.uses_pedals}
+    able = {"torque": vehicle.spec.tyres.has_slip, "pedals": vehicle.control.wheel_speed.uses_pedals}
     if requested is None:
         # Torques need no model of the powertrain, pedals that of the vehicle; the speed is always possible.
         fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))

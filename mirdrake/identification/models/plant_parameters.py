@@ -57,7 +57,7 @@ def plant_parameters(
         parameters.append(
             Parameter("friction", "1", "friction of the road", friction, 0.05, 1.8 * friction, source="world")
         )
-    if vehicle.spec.tyres.has_law:
+    if vehicle.spec.tyres.has_slip:
         rolling = vehicle.spec.tyres.rolling_resistance
         parameters.append(
             Parameter("rolling_resistance", "1", "of the tyres", rolling, 0.0, 0.2, scale=0.005, usual=5.0, source=name)

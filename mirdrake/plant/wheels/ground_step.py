@@ -4,15 +4,10 @@ Each wheel has a vertical force by its deflection (:mod:`mirdrake.tyres.vertical
 plane (:mod:`mirdrake.plant.wheels.ground_contact`), slip forces in this plane as in :mod:`mirdrake.plant.wheels.step`,
 and rolling resistance. All of them follow from the present state, and the plant applies them explicitly: the scheme is
 symplectic, stable for ω dt < 2, and neither damps nor excites a vehicle on its tyres.
-
-The pivoting moment resists the turn rate ω of a Coulomb tyre about the normal. On a patch of width w with the slip
-stiffness C of a tyre, in rolling, slip velocities ω y give Mz = -C w² ω / (12 |v|), at most μ N w / 4, the moment of
-sliding friction on a line of width w. At standstill it is a spring, C w² / (12 σ), with the same limit. The relaxation
-of :mod:`mirdrake.tyres.relaxation` joins both.
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, exp, floor, log, tanh
+from math import atan, exp, floor, log
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
@@ -25,10 +20,16 @@ from mirdrake.plant.wheels.ground_contact import (
     unpack_contact,
 )
 from mirdrake.plant.wheels.motion import base_motion
-from mirdrake.plant.wheels.rolling_resistance import SMOOTH_SPEED
-from mirdrake.plant.wheels.step import STEP_PARTS, SpinningWheel, slip_forces, turn_along
-from mirdrake.tyres.coulomb import PIVOT_STIFFNESS
-from mirdrake.tyres.relaxation import Contact, Motion, low_speed_weight, relaxation_step
+from mirdrake.plant.wheels.step import (
+    STEP_PARTS,
+    SpinningWheel,
+    limited_effort,
+    pivoting,
+    rolling_moment,
+    slip_forces,
+    turn_along,
+)
+from mirdrake.tyres.relaxation import Contact, Motion
 from mirdrake.tyres.vertical import VerticalTyre, vertical_force
 
 SAME_LOAD = 0.01
@@ -48,16 +49,10 @@ class GroundWheel(NamedTuple):
     Attributes:
         wheel: the wheel with its slip and spin.
         vertical: its vertical stiffness and damping.
-        width: width of the tread [m].
-        resistance: rolling-resistance coefficient [1].
-        pivots: whether it has a pivoting moment.
     """
 
     wheel: SpinningWheel
     vertical: VerticalTyre
-    width: float
-    resistance: float
-    pivots: bool
 
 
 class GroundMemory(NamedTuple):
@@ -73,27 +68,29 @@ class GroundMemory(NamedTuple):
         torque: torque of motor, brake and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
-        measured: negative at the start, then 1.
+        bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
+        begun: zero at the start, then 1.
         load: load of the curve [N].
         inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
     """
 
-    along: float = 0.0
-    across: float = 0.0
-    vx: float = 0.0
-    slip_x: float = 0.0
-    vy: float = 0.0
-    spin: float = 0.0
-    torque: float = 0.0
-    fx: float = 0.0
-    kappa: float = 0.0
-    measured: float = -1.0
-    load: float = 0.0
-    inclination: float = 0.0
-    turning: float = 0.0
-    twist: float = 0.0
+    along: float
+    across: float
+    vx: float
+    slip_x: float
+    vy: float
+    spin: float
+    torque: float
+    fx: float
+    kappa: float
+    bend: float
+    begun: float
+    load: float
+    inclination: float
+    turning: float
+    twist: float
 
 
 def ground_step(
@@ -101,6 +98,8 @@ def ground_step(
     x: Sequence[float],
     terrain: TerrainData,
     samples: int,
+    contacts: Any,
+    again: bool,
     torques: Sequence[float],
     efforts: Sequence[float],
     frictions: Sequence[float],
@@ -108,11 +107,11 @@ def ground_step(
     wheels: Records,
     curves: Records,
     memories: Records,
-    contacts: Any,
-    again: bool,
     force: MutableSequence[float],
     after: Records,
     logged: Any,
+    resistances: MutableSequence[float],
+    loads: MutableSequence[float],
 ) -> bool:
     """Compute the forces of the ground on the tyres of a vehicle, and the memory of the wheels.
 
@@ -121,18 +120,20 @@ def ground_step(
         x: state of the plant, positions and velocities.
         terrain: the ground.
         samples: number of samples along a wheel; zero on a plane.
+        contacts: :class:`GroundContact` of each wheel as rows of numbers, overwritten; see :func:`pack_contact`.
+        again: whether `contacts` are those of this step already, from a call without valid curves.
         torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
-        efforts: torque of the actuator of each wheel joint, which the plant applies [N m].
+        efforts: torques of the actuators of the vehicle, which the plant applies [N m].
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`mirdrake.plant.wheels.step.SpinningCar`.
         wheels: :class:`GroundWheel`.
         curves: the tyres at their loads; load, inclination, friction, contact and curve.
         memories: :class:`GroundMemory` of the step before.
-        contacts: :class:`GroundContact` of each wheel as rows of numbers, overwritten; see :func:`pack_contact`.
-        again: whether `contacts` are those of this step already, from a call without valid curves.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
-        logged: Fx, Fy, Mz, kappa, alpha, load and torque of the rolling resistance of each wheel, overwritten.
+        logged: Fx, Fy, Mz, kappa and alpha of each wheel, overwritten.
+        resistances: torque of the rolling resistance of each wheel [N m], overwritten.
+        loads: load of each wheel [N], overwritten.
 
     Returns:
         Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
@@ -149,7 +150,7 @@ def ground_step(
         if not again:  # the ground is sampled once a step
             pack_contact(
                 contacts[i],
-                ground_contact(x, wheel.place, wheel.radius, tyre.width, base, car.positions, terrain, samples),
+                ground_contact(x, wheel.place, wheel.radius, wheel.width, base, car.positions, terrain, samples),
             )
 
         # The contact goes through plain numbers, so that the repeated call of this step has the same one.
@@ -158,13 +159,14 @@ def ground_step(
 
         # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats. Curves are
         # evaluated at nodes of load and inclination, so that a drive over rough ground needs few of them.
-        start = before.measured < 0.0
+        start = before.begun == 0.0
         curve_load, inclination = before.load, before.inclination
         least = _LEAST_LOAD * wheel.static_load
         touches = load > least
-        if start or (touches and abs(load - curve_load) > SAME_LOAD * load):
+        varies = touches and not wheel.coulomb
+        if start or (varies and abs(load - curve_load) > SAME_LOAD * load):
             curve_load = exp(floor(log(max(load, least)) / _NODE_LOAD + 0.5) * _NODE_LOAD)
-        if start or (touches and abs(contact.inclination - inclination) > SAME_INCLINATION):
+        if start or (varies and abs(contact.inclination - inclination) > SAME_INCLINATION):
             inclination = floor(contact.inclination / _NODE_INCLINATION + 0.5) * _NODE_INCLINATION
         kept.load, kept.inclination = curve_load, inclination
         if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
@@ -186,7 +188,8 @@ def ground_step(
 
         # Slip forces, pivoting moment, rolling resistance.
         # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
-        drive, brake = torques[i], torques[len(wheels) + i]
+        effort = limited_effort(wheel, efforts)
+        drive, brake = torques[i] + effort, torques[len(wheels) + i]
         fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
             law,
             curve.curve,
@@ -198,14 +201,14 @@ def ground_step(
             now,
             contact.spin,
             contact.rolling,
-            drive + efforts[i],
+            drive,
             brake,
             period,
         )
 
-        # Moments that the slip forces do not have: pivoting about the normal, and Crr N Re, smooth through standstill.
-        twist, moment = _pivoting(tyre, load, before.twist, contact.turn, now.vx, patch, period)
-        resistance = -tyre.resistance * load * contact.rolling * tanh(contact.spin / SMOOTH_SPEED)
+        # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
+        twist, moment = pivoting(wheel, load, before.twist, contact.turn, now.vx, patch, period)
+        resistance = rolling_moment(wheel, load, contact.rolling, contact.spin)
         # Forces turn with the vehicle to the middle of the step, by half of its yaw per step.
         add_ground_force(
             force,
@@ -216,9 +219,9 @@ def ground_step(
             resistance,
             0.5 * period * base.turning[2],
         )
-        force[wheel.place.spin] += torque - efforts[i]
+        force[wheel.place.spin] += torque - effort
 
-        kept.measured, kept.turning, kept.twist = 1.0, base.turning[2], twist
+        kept.begun, kept.turning, kept.twist = 1.0, base.turning[2], twist
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (
             fx,
             fy,
@@ -226,28 +229,12 @@ def ground_step(
             kappa,
             atan(tan_alpha),
         )
-        logged[i, 5], logged[i, 6] = load, resistance
+        resistances[i], loads[i] = resistance, load
     # In the first step there is no earlier yaw rate to compare with.
-    if memories[0].measured >= 0.0:
+    if memories[0].begun > 0.0:
         turn_along(force, wheels[0].wheel.place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
 
-def _pivoting(
-    tyre: Any, load: float, twist: float, turn: float, vx: float, patch: Contact, period: float
-) -> tuple[float, float]:
-    """Return the twist of the contact patch after a step [rad], and the pivoting moment [N m]."""
-    if not tyre.pivots or patch.stiffness_x <= 0.0:
-        return 0.0, 0.0
-    # Limit and stiffness of the head of the module: friction on a line of the width, and a spring at standstill.
-    largest = 0.25 * patch.friction_y * tyre.width
-    stiffness = PIVOT_STIFFNESS * load * tyre.width * tyre.width / (12.0 * patch.length_x)
-    limit = largest / stiffness
-    twist = relaxation_step(
-        twist, turn, abs(vx) / patch.length_x, limit, low_speed_weight(vx, tyre.wheel.settings.low), period
-    )
-    return twist, -max(-largest, min(largest, stiffness * twist))
-
-
-GROUND_STEP_PARTS = (*STEP_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force, _pivoting)
+GROUND_STEP_PARTS = (*STEP_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force)
 """Functions that :func:`ground_step` calls, without the law."""

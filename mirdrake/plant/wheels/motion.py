@@ -6,8 +6,9 @@ Context. :mod:`mirdrake.core.compiled` compiles the functions, hence indices ins
 
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
-the road. A wheel with v = ω Re rolls freely. With contact friction the effective rolling radius Re is the distance h of
-P from the wheel centre; a tyre law has a larger one, as the belt is longer than 2 π h. The slip velocity is v - ω Re.
+the road. A wheel with v = ω Re rolls freely. The effective rolling radius Re of a tyre is a constant: for tyres with
+slip larger than the distance h of P from the wheel centre, as the belt is longer than 2 π h. The slip velocity is
+v - ω Re.
 A longitudinal force has the lever Re about the axle, so that it does work against the slip only. About the vehicle it
 has the lever h; the difference acts as if the load were some millimetres away from the axle, as it is.
 """
@@ -40,7 +41,7 @@ class WheelPlace(NamedTuple):
         steering: its steering joint, or :data:`NO_JOINT`.
         suspension: its suspension joint, along z of B, or :data:`NO_JOINT`.
         base: its vehicle's floating base.
-        rolling: effective rolling radius of its tyre law [m]; zero: that of contact friction.
+        rolling: effective rolling radius of a tyre with slip [m]; zero: the distance of centre and contact centre.
     """
 
     pivot: tuple[float, float, float]
@@ -102,6 +103,7 @@ class WheelMotion(NamedTuple):
         rolling: Re, effective rolling radius [m].
         spin: ω about the axle, relative to the wheel carrier [rad/s].
         sink: speed of the wheel centre downwards [m/s].
+        turn: angular velocity of the wheel carrier about the vertical [rad/s].
     """
 
     x: float
@@ -120,6 +122,7 @@ class WheelMotion(NamedTuple):
     rolling: float
     spin: float
     sink: float
+    turn: float
 
 
 class BaseMotion(NamedTuple):
@@ -202,6 +205,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
         spin,
         # Velocity of the wheel centre downwards, that of the suspension included.
         wy * (cx - bx) - wx * (cy - by) - base.velocity[2] - rise * zz,
+        wz + rate * zz,
     )
 
 
@@ -214,6 +218,7 @@ def add_road_force(
     mz: float,
     fz: float = 0.0,
     turn: float = 0.0,
+    resistance: float = 0.0,
 ) -> None:
     """Add a force of the road on a wheel to generalised forces.
 
@@ -226,6 +231,7 @@ def add_road_force(
         mz: moment about the vertical [N m].
         fz: force upwards, beyond that of the plant's contact [N].
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
+        resistance: moment about the axle [N m], of which the carrier bears nothing.
     """
     along, minus_across = motion.ahead
     # Force in the world, rotated to the middle of the step; the spin below takes the unrotated Fx.
@@ -234,14 +240,14 @@ def add_road_force(
     rx, ry, rz = motion.arm_base
     base = wheel.base[1]
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
-    force[base] += ry * fz - rz * y
-    force[base + 1] += rz * x - rx * fz
-    force[base + 2] += rx * y - ry * x + mz
+    force[base] += ry * fz - rz * y + resistance * motion.axle[0]
+    force[base + 1] += rz * x - rx * fz + resistance * motion.axle[1]
+    force[base + 2] += rx * y - ry * x + mz + resistance * motion.axle[2]
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += fz
     # Fx has the lever Re about the axle, not the height of the axle; see the head of the module.
-    force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx
+    force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx + resistance
     kx, ky, kz = motion.up
     if wheel.steering[0] >= 0:
         ex, ey, ez = motion.arm_pivot

@@ -1,24 +1,16 @@
 """Friction of the ground that varies with the position: patches, verges and tracks of a world.
 
-In Drake friction is a property of the shapes, and the road is one plane. The friction is therefore set on the tyres:
-whenever a wheel reaches ground of another friction, the friction of its shape is changed in the Context.
-
-The friction of a pair of tyre and road is the smaller value of both, as in Gazebo (ODE takes the smaller mu of a
-pair). Drake takes the harmonic mean 2 a b / (a + b). The tyre therefore gets the value whose mean with that of the
-plane is the desired one.
+Whenever a wheel reaches ground of another friction, the parameter of its tyre in the Context is changed.
 """
 
 from collections.abc import Mapping
 from math import hypot, inf, sqrt
 
 import shapely
-from pydrake.geometry import ProximityProperties, RoleAssign
-from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.framework import Context
 
-from mirdrake.plant.plant import PlantParts, matched_friction
-from mirdrake.plant.wheels.ground_tyres import GroundTyres
-from mirdrake.plant.wheels.tyre_forces import WheelTyres
+from mirdrake.plant.plant import PlantParts
+from mirdrake.plant.wheels.tyre_forces import TyreSystem
 from mirdrake.vehicles import WHEELS
 
 _ACCELERATION = 30.0
@@ -35,27 +27,21 @@ class RoadFriction:
 
     Args:
         parts: plant, world and vehicles.
-        tyres: tyre systems of the vehicles that have a tyre law, by name of the vehicle; they get the friction of the
-            ground itself.
+        tyres: tyre systems of the vehicles, by name of the vehicle.
 
     Attributes:
         varies: whether the friction changes anywhere; if not, :meth:`watch` has no effect.
     """
 
-    def __init__(self, parts: PlantParts, tyres: Mapping[str, WheelTyres | GroundTyres] | None = None) -> None:
+    def __init__(self, parts: PlantParts, tyres: Mapping[str, TyreSystem]) -> None:
         self._parts, self._world = parts, parts.world
         areas = self._world.friction_areas
         self.varies = len({self._world.ground.mu, *(mu for _, mu in areas)}) > 1
         self._edges = shapely.MultiLineString([line for area, _ in areas for line in _lines(area)])
         # The distance to the edges is asked for often; a prepared geometry has an index.
         shapely.prepare(self._edges)
-        self._wheels = [
-            (joint.child_body(), tyre, mu)
-            for part in parts.vehicles.values()
-            for joint, tyre, mu in zip(part.wheels, part.tyres, part.tyre_mu, strict=True)
-        ]
-        models = tyres or {}
-        self._models = [(models.get(name), number) for name in parts.vehicles for number in range(len(WHEELS))]
+        self._wheels = [joint.child_body() for part in parts.vehicles.values() for joint in part.wheels]
+        self._models = [(tyres[name], number) for name in parts.vehicles for number in range(len(WHEELS))]
         self._due: list[float] = []
         self._now: list[float] = []
 
@@ -78,7 +64,7 @@ class RoadFriction:
             return
         plant = self._parts.plant
         plant_context = plant.GetMyContextFromRoot(context)
-        for index, (body, _, _) in enumerate(self._wheels):
+        for index, body in enumerate(self._wheels):
             if time < self._due[index]:
                 continue
             x, y, _ = plant.EvalBodyPoseInWorld(plant_context, body).translation()
@@ -92,24 +78,10 @@ class RoadFriction:
             self._due[index] = time + (sqrt(speed**2 + 2.0 * a * max(0.0, distance)) - speed) / a
 
     def _change(self, context: Context, index: int, mu: float) -> None:
-        """Set the friction of one tyre for ground with a coefficient."""
+        """Set the friction of the ground below one tyre."""
         self._now[index] = mu
         model, number = self._models[index]
-        if model is not None:
-            model.set_friction(model.GetMyMutableContextFromRoot(context), number, mu)
-            return
-        scene_graph, (_, tyre, own) = self._parts.scene_graph, self._wheels[index]
-        # Without a tyre law friction is a property of the contact shape, and changes by a new role in the Context.
-        properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
-        value = matched_friction(own, mu, plane=self._world.road_mu)
-        properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))
-        scene_graph.AssignRole(
-            scene_graph.GetMyMutableContextFromRoot(context),
-            self._parts.plant.get_source_id(),
-            tyre,
-            properties,
-            RoleAssign.kReplace,
-        )
+        model.set_friction(model.GetMyMutableContextFromRoot(context), number, mu)
 
 
 def _lines(area: shapely.Geometry) -> list[shapely.LineString]:

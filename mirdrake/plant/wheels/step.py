@@ -23,20 +23,34 @@ is the part of the last change of ω that the other terms do not explain. The la
 κ + b Δω; this is the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero,
 whatever T is.
 
+The brush of a Coulomb tyre is so stiff and so damped that the trapezoidal rule would oscillate in steps of 10 ms. There
+the equations of spin and deflection, linear in the step with the secant stiffness S, are solved exactly::
+
+    (I / h) s' = T - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
+
+with the slip velocity s = h ω - Vx. The law is evaluated at the slip that gives the mean of F. The mean of s, which
+deflects the tyre, is not that of both ends of the step; their difference is remembered.
+
 The load is measured less often than the plant steps, and with a delay; a friction force with this delay would excite
 the pitch of a braking car. The load of the tyre's compression has no delay, and is scaled to the measured load. The law
 is evaluated for a new load when the measured load differs by more than 1e-4; until then forces and stiffnesses are
-scaled with the load.
+scaled with the load. Those of a Coulomb tyre are proportional to the load, so one evaluation is sufficient.
+
+The pivoting moment resists the turn rate ω of a Coulomb tyre about the normal. On a patch of width w with the slip
+stiffness C of a tyre, in rolling, slip velocities ω y give Mz = -C w² ω / (12 |v|), at most μ N w / 4, the moment of
+sliding friction on a line of width w. At standstill it is a spring, C w² / (12 σ), with the same limit. The relaxation
+of :mod:`mirdrake.tyres.relaxation` joins both. The rolling resistance is an external moment about the axle, so that the
+road pushes back with Crr N.
 
 A brake is Coulomb friction: its torque is the one that would stop the wheel by the end of the step, within its limit. A
 wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque.
 
-Not modelled: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip (the moment
-against steering at standstill is that of the kingpin offset alone).
+Not modelled: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip of tyres with
+slip (their moment against steering at standstill is that of the kingpin offset alone).
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, expm1, inf
+from math import atan, cos, exp, expm1, inf, sin, sqrt, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
@@ -45,6 +59,7 @@ from mirdrake.plant.wheels import motion as wheel_motion
 from mirdrake.plant.wheels.motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
 from mirdrake.tyres import relaxation
+from mirdrake.tyres.coulomb import PIVOT_LENGTH, PIVOT_STIFFNESS
 from mirdrake.tyres.relaxation import (
     Contact,
     Deflection,
@@ -52,11 +67,17 @@ from mirdrake.tyres.relaxation import (
     RelaxationSettings,
     deflection_step,
     low_speed_weight,
+    relaxation_step,
     relaxed_slip,
 )
 
+SMOOTH_SPEED = 0.3
+"""Wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
+
 # Below this, differences of floats are noise: limits are taken instead of quotients.
 _SMALL = 1e-9
+
+_SLOW = 1e-6  # product of both rates and the squared step below which a sliding tyre is not solved exactly [1]
 
 _LIFTED = 0.1  # load over static load below which measured and spring load are not compared [1]
 _SAME = 1e-4  # change of the load (relative) or of the inclination [rad] that needs no new curve
@@ -76,6 +97,11 @@ class SpinningWheel(NamedTuple):
         spring: compression under a load.
         static_load: its load at rest [N].
         settings: damping of its tyre.
+        width: width of the tread [m].
+        resistance: rolling-resistance coefficient Crr [1].
+        coulomb: whether its tyre has Coulomb friction: forces proportional to the load, and a pivoting moment.
+        actuator: index of its actuator among those of its vehicle.
+        effort_limit: largest torque of the actuator [N m].
     """
 
     place: WheelPlace
@@ -86,6 +112,11 @@ class SpinningWheel(NamedTuple):
     spring: TyreSpring
     static_load: float
     settings: RelaxationSettings
+    width: float
+    resistance: float
+    coulomb: bool
+    actuator: int
+    effort_limit: float
 
 
 class SpinningCar(NamedTuple):
@@ -117,29 +148,35 @@ class Memory(NamedTuple):
         torque: torque of motor, brake and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
-        measured: last measured load [N]; negative: at the start.
+        bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
+        begun: zero at the start, then 1.
+        measured: last measured load [N].
         ratio: measured load over spring load [1].
         sprung: load of the spring at the end of the step [N].
         load: load of the curve [N].
         inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
+        twist: angle by which the contact patch is twisted [rad].
     """
 
-    along: float = 0.0
-    across: float = 0.0
-    vx: float = 0.0
-    slip_x: float = 0.0
-    vy: float = 0.0
-    spin: float = 0.0
-    torque: float = 0.0
-    fx: float = 0.0
-    kappa: float = 0.0
-    measured: float = -1.0
-    ratio: float = 1.0
-    sprung: float = 0.0
-    load: float = 0.0
-    inclination: float = 0.0
-    turning: float = 0.0
+    along: float
+    across: float
+    vx: float
+    slip_x: float
+    vy: float
+    spin: float
+    torque: float
+    fx: float
+    kappa: float
+    bend: float
+    begun: float
+    measured: float
+    ratio: float
+    sprung: float
+    load: float
+    inclination: float
+    turning: float
+    twist: float
 
 
 def tyre_step(
@@ -147,6 +184,7 @@ def tyre_step(
     x: Sequence[float],
     loads: Sequence[float],
     torques: Sequence[float],
+    efforts: Sequence[float],
     frictions: Sequence[float],
     cars: Records,
     wheels: Records,
@@ -155,6 +193,8 @@ def tyre_step(
     force: MutableSequence[float],
     after: Records,
     logged: Any,
+    resistances: MutableSequence[float],
+    middle_loads: MutableSequence[float],
 ) -> bool:
     """Compute the forces of the road on the tyres, and the memory of the wheels.
 
@@ -163,6 +203,7 @@ def tyre_step(
         x: state of the plant, positions and velocities.
         loads: loads of the wheels, measured [N].
         torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
+        efforts: torques of the actuators of the vehicle, which the plant applies [N m].
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`SpinningCar`.
         wheels: :class:`SpinningWheel`.
@@ -170,7 +211,9 @@ def tyre_step(
         memories: :class:`Memory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
-        logged: Fx, Fy, Mz, kappa, alpha of each wheel, overwritten.
+        logged: Fx, Fy, Mz, kappa and alpha of each wheel, overwritten.
+        resistances: torque of the rolling resistance of each wheel [N m], overwritten.
+        middle_loads: load of each wheel in the middle of the step [N], overwritten.
 
     Returns:
         Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
@@ -186,15 +229,17 @@ def tyre_step(
         # Load now, and whether the curve is valid for it; without a valid curve the caller makes one and repeats.
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
-        start = before.measured < 0.0
+        start = before.begun == 0.0
         load, ratio, sprung = _load(wheel, motion, before, loads[i], period)
         curve_load, inclination = before.load, before.inclination
         # Between two measurements the curve stays; forces are only scaled with the load.
         if start or (
-            loads[i] != before.measured
+            not wheel.coulomb
+            and loads[i] != before.measured
             and (abs(load - curve_load) > _SAME * load or abs(motion.inclination - inclination) > _SAME)
         ):
-            curve_load, inclination = load, motion.inclination
+            # A vehicle may start in the air; the curve of a Coulomb tyre is valid for every load.
+            curve_load, inclination = wheel.static_load if wheel.coulomb else load, motion.inclination
         kept.load, kept.inclination = curve_load, inclination
         if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
             # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
@@ -212,7 +257,9 @@ def tyre_step(
             contact_then.friction_y * scale,
         )
 
-        drive, brake = torques[i], torques[len(wheels) + i]
+        # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
+        effort = limited_effort(wheel, efforts)
+        drive, brake = torques[i] + effort, torques[len(wheels) + i]
         fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
             law,
             curve.curve,
@@ -228,16 +275,29 @@ def tyre_step(
             brake,
             period,
         )
+        # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
+        twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
+        resistance = rolling_moment(wheel, load, motion.rolling, motion.spin)
         # The plant applies the load at the end of the step; the vertical force changes it to that in the middle.
         add_road_force(
-            force, wheel.place, motion, fx, fy, mz, load - ratio * sprung, turn=0.5 * period * base.turning[2]
+            force,
+            wheel.place,
+            motion,
+            fx,
+            fy,
+            mz + moment,
+            load - ratio * sprung,
+            0.5 * period * base.turning[2],
+            resistance,
         )
-        force[wheel.place.spin] += torque
-        kept.measured, kept.ratio, kept.sprung = loads[i], ratio, sprung
-        kept.turning = base.turning[2]
-        logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
+        force[wheel.place.spin] += torque - effort
+        kept.begun, kept.measured, kept.ratio, kept.sprung = 1.0, loads[i], ratio, sprung
+        kept.turning, kept.twist = base.turning[2], twist
+        logged[i, 0], logged[i, 1], logged[i, 2] = fx, fy, mz + moment
+        logged[i, 3], logged[i, 4] = kappa, atan(tan_alpha)
+        resistances[i], middle_loads[i] = resistance, load
     # In the first step there is no earlier yaw rate to compare with.
-    if memories[0].measured >= 0.0:
+    if memories[0].begun > 0.0:
         turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
@@ -281,8 +341,9 @@ def slip_forces(
     settings = wheel.settings
     deflection = Deflection(before.along, before.across)
     rest = 0.0
-    if before.measured >= 0.0:
-        mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x), 0.5 * (before.vy + now.vy))
+    if before.begun > 0.0:
+        slip_x = 0.5 * (before.slip_x + now.slip_x) - before.bend
+        mean = Motion(0.5 * (before.vx + now.vx), slip_x, 0.5 * (before.vy + now.vy))
         deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
         # T, the torque of all other sources: what the known torques leave unexplained of the last change of spin.
         rest = wheel.inertia * (spin - before.spin) / period - before.torque
@@ -291,7 +352,12 @@ def slip_forces(
 
     # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
     mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
-    if not wheel.held:
+    bend = 0.0
+    if not wheel.held and wheel.coulomb:
+        kappa, bend = _sticking_slip(
+            before, deflection, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
+        )
+    elif not wheel.held:
         kappa += _slip_change(before, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period)
     # Forces at this slip, and the torque of the brake.
     fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
@@ -305,8 +371,46 @@ def slip_forces(
     # The longitudinal force counts as a known torque, so that the next T does not contain it.
     kept.along, kept.across = deflection.along, deflection.across
     kept.vx, kept.slip_x, kept.vy, kept.spin = now.vx, now.slip_x, now.vy, spin
-    kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
+    kept.torque, kept.fx, kept.kappa, kept.bend = torque - radius * fx, fx, kappa, bend
     return fx, fy, mz, kappa, tan_alpha, torque
+
+
+def pivoting(
+    wheel: Any, load: float, twist: float, turn: float, vx: float, patch: Contact, period: float
+) -> tuple[float, float]:
+    """Return the twist of the contact patch after a step [rad], and the pivoting moment [N m].
+
+    Args:
+        wheel: :class:`SpinningWheel`.
+        load: normal load [N].
+        twist: twist before the step [rad].
+        turn: angular velocity of the wheel carrier about the normal [rad/s].
+        vx: longitudinal speed [m/s].
+        patch: the tyre at its load.
+        period: length of the step [s].
+    """
+    if not wheel.coulomb or patch.stiffness_x <= 0.0:
+        return 0.0, 0.0
+    # Limit and stiffness of the head of the module: friction on a line of the width, and a spring at standstill.
+    largest = 0.25 * patch.friction_y * wheel.width
+    stiffness = PIVOT_STIFFNESS * load * wheel.width * wheel.width / (12.0 * PIVOT_LENGTH)
+    limit = largest / stiffness
+    twist = relaxation_step(
+        twist, turn, abs(vx) / PIVOT_LENGTH, limit, low_speed_weight(vx, wheel.settings.low), period
+    )
+    return twist, -max(-largest, min(largest, stiffness * twist))
+
+
+def limited_effort(wheel: Any, efforts: Sequence[float]) -> float:
+    """Return the torque of the actuator of a wheel [N m], limited as by the plant."""
+    effort: float = max(-wheel.effort_limit, min(wheel.effort_limit, efforts[wheel.actuator]))
+    return effort
+
+
+def rolling_moment(wheel: Any, load: float, radius: float, spin: float) -> float:
+    """Return the moment of the rolling resistance about the axle [N m], -Crr N Re, smooth through standstill."""
+    moment: float = -wheel.resistance * load * radius * tanh(spin / SMOOTH_SPEED)
+    return moment
 
 
 def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
@@ -326,15 +430,83 @@ def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMo
 
 def _load(wheel: Any, motion: WheelMotion, before: Any, measured: float, period: float) -> tuple[float, float, float]:
     """Return the load in mid-step [N], the ratio of measured to spring load [1], and the spring load at the end [N]."""
-    # The plant uses the compression at the end of the step; that in the middle is known for linear springs only.
+    # The plant uses the compression at the end of the step; that in the middle is known for point contact only.
     depth = wheel.radius - motion.radius
     sprung = spring_load(wheel.spring, depth + period * motion.sink)
-    middle = spring_load(wheel.spring, depth) if wheel.spring.power == 1.0 else sprung
-    ratio = before.ratio
+    if wheel.spring.power == 1.0:
+        # The stiffness of point contact is known; a ratio above 1 would excite the vehicle on its tyres.
+        return spring_load(wheel.spring, depth), 1.0, sprung
+    ratio = before.ratio if before.begun > 0.0 else 1.0
     # A measurement is of the last step, so it is compared with the spring load predicted for the end of that step.
-    if before.measured >= 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
+    if before.begun > 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
         ratio += _BLEND * (max(1.0 / _MAX_RATIO, min(_MAX_RATIO, measured / before.sprung)) - ratio)
-    return ratio * middle, ratio, sprung
+    return ratio * sprung, ratio, sprung
+
+
+def _sticking_slip(
+    before: Any,
+    deflection: Deflection,
+    spin: float,
+    kappa: float,
+    contact: Contact,
+    now: Motion,
+    settings: RelaxationSettings,
+    radius: float,
+    torque: float,
+    brake: float,
+    mobile: float,
+    period: float,
+) -> tuple[float, float]:
+    """Return the slip of a Coulomb tyre for the mean force of a step, and the mean of s less that of its ends [m/s].
+
+    Arguments as in :func:`_slip_change`, and the deflection now; see the head of the module.
+    """
+    secant = contact.stiffness_x
+    if abs(before.kappa) > _SMALL:
+        secant = max(0.0, min(secant, before.fx / before.kappa))
+    # x' = A x + g for x = (s - s0, u - u0).
+    decay, pull = abs(now.vx) / contact.length_x if contact.stiffness_x > 0.0 else 0.0, 0.0
+    damper = 0.0
+    if contact.stiffness_x > 0.0:
+        damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
+        damper = damping / contact.stiffness_x
+        pull = radius * radius * secant / (mobile * period)
+    a, b = -pull * damper, -pull / contact.length_x
+    determinant, trace = pull * (damper * decay + 1.0 / contact.length_x), a - decay
+    if determinant * period * period < _SLOW:
+        return kappa, 0.0
+
+    # exp(A t) = c 1 + e (A - trace / 2 1), for real and for complex eigenvalues.
+    square = 0.25 * trace * trace - determinant
+    if square > 0.0:
+        fast = 0.5 * trace - sqrt(square)
+        slow = determinant / fast
+        one, other = exp(slow * period), exp(fast * period)
+        c, e = 0.5 * (one + other), (one - other) / (slow - fast)
+    else:
+        rate, size = sqrt(-square), exp(0.5 * trace * period)
+        c, e = size * cos(rate * period), size * (sin(rate * period) / rate if rate > _SMALL else period)
+    half = 0.5 * (a + decay)  # of A - trace / 2 1, the first of its diagonal
+    # P = A⁻¹ (exp(A t) - 1), with A⁻¹ = ((-decay, -b), (-1, a)) / determinant.
+    m11, m12, m21, m22 = c + e * half - 1.0, e * b, e, c - e * half - 1.0
+    p11, p12 = (-decay * m11 - b * m21) / determinant, (-decay * m12 - b * m22) / determinant
+    p21, p22 = (-m11 + a * m21) / determinant, (-m12 + a * m22) / determinant
+
+    # Force at the beginning of the step, linearised about the last one.
+    s0, u0 = -now.slip_x, deflection.along
+    start = before.fx + secant * (u0 / contact.length_x + damper * s0 - before.kappa)
+    gain = radius / (mobile * period)
+    g1, g2 = gain * (torque - radius * start), s0 - decay * u0
+    if brake > 0.0:
+        # The torque that stops the wheel by the end of the step, within its limit.
+        held = max(-brake, min(brake, (-radius * spin - p11 * g1 - p12 * g2) / (p11 * gain)))
+        torque += held
+        g1 += gain * held
+    change, moved = p11 * g1 + p12 * g2, p21 * g1 + p22 * g2
+    # Mean of x over the step: A⁻¹ (x - g t) / t.
+    mean = (-decay * (change - g1 * period) - b * (moved - g2 * period)) / (determinant * period)
+    force = (torque - mobile * change / radius) / radius
+    return before.kappa + (force - before.fx) / secant, mean - 0.5 * change
 
 
 def _slip_change(
@@ -372,11 +544,11 @@ def _slip_change(
     share = -expm1(-passed) / passed if passed > _SMALL else 1.0
     damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
     damper = damping / contact.stiffness_x
-    slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
     # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
     stiffness = contact.stiffness_x
     if abs(before.kappa) > _SMALL:
         stiffness = max(0.0, min(stiffness, before.fx / before.kappa))
+    slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
     inertia = mobile + radius * stiffness * slope
 
     # Road force linearised about the last step; a brake gives at most the torque that stops the wheel.
@@ -392,7 +564,11 @@ STEP_PARTS = (
     spring_load,
     _load,
     slip_forces,
+    pivoting,
+    limited_effort,
+    rolling_moment,
     _slip_change,
+    _sticking_slip,
     turn_along,
 )
 """Functions that :func:`tyre_step` calls, without the law."""

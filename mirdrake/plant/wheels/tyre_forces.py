@@ -1,31 +1,32 @@
-"""Tyre forces in the plant: the wheels of a vehicle on tyres with a tyre law, with drive and brake torques.
+"""Tyre forces in the plant: the wheels of a vehicle on their tyres, with drive and brake torques.
 
-The contact computes the normal load, without friction. This system adds all other forces as generalised forces, from
-the present state of the plant, so forces follow the motion without delay.
+Drake's contact computes the normal load, without friction. This system adds all other forces as generalised forces,
+from the present state of the plant, so forces follow the motion without delay.
 
 The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 """
 
-from abc import abstractmethod
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer, ZeroOrderHold
 
 from mirdrake.core.compiled import Records, compiled, plain, record_type, records
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
-from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input
+from mirdrake.core.leaf_system import FreeableType, LeafSystem
+from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
 from mirdrake.plant.plant import TyreSpring, VehicleInPlant
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
 from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
+from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
 from mirdrake.tyres.relaxation import Contact, RelaxationSettings
 from mirdrake.vehicles import WHEELS
 from mirdrake.worlds.world import SURFACE_MU
@@ -35,6 +36,10 @@ REFERENCE_FRICTION = SURFACE_MU["asphalt"]
 
 DAMPING_BY_LOAD = 0.25
 """Damping between contact patch and rim at standstill, over the static load [s/m]; 1000 N s/m for a car's wheel."""
+
+_FRICTION = "friction"  # name of the block with the friction of the ground
+
+_MOST_CURVES = 4096  # curves of a tyre that are kept for reuse
 
 FORCES = (
     ("fx", "N", "longitudinal force of the road, positive ahead"),
@@ -47,21 +52,21 @@ FORCES = (
 
 
 def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[SpinningWheel]:
-    """Return the wheels of a vehicle in a finalised plant; none without a tyre law.
+    """Return the wheels of a vehicle in a finalised plant.
 
     Raises:
         ConfigError: the vehicle tips over, as its centre of mass is not between its axles.
     """
-    tyres = part.vehicle.spec.tyres
-    if not isinstance(tyres, SlipTyres):
-        return []
+    tyres, geometry = part.vehicle.spec.tyres, part.vehicle.geometry
+    coulomb = not isinstance(tyres, SlipTyres)
     context = plant.CreateDefaultContext()
-    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, plant.world_frame().CalcPoseInWorld(context))
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
     check_balance(plant, context, part.vehicle, part.instance)
     # Static loads from the moment balance about the axles, half of each for either side.
-    share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / part.vehicle.geometry.wheelbase
+    share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
+    first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
     for index, (wheel_place, joint, actuator) in enumerate(
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
     ):
@@ -71,31 +76,50 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         # Inertia about the centre of mass; the axle is y of the body. Rotor and servo act on the spin as well.
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
-        spring = part.compression[rear]
-        assert isinstance(spring, TyreSpring)
+        compression = part.compression[rear]
+        # A vertical tyre has its own force; the spring is that of Drake's contact.
+        spring = compression if isinstance(compression, TyreSpring) else TyreSpring(1.0 / compression.stiffness, 1.0)
         static_load = float(half * ((1.0 - share) if rear else share))
+        settings = RelaxationSettings(
+            damping=DAMPING_BY_LOAD * static_load,
+            lateral_damping=tyres.lateral_damping if isinstance(tyres, SlipTyres) else 0.0,
+            # On the brush of a Coulomb tyre a wheel would oscillate above walking pace: this damping does not fade.
+            lasting_damping=DAMPING * static_load if coulomb else 0.0,
+        )
+        # A Coulomb tyre has the rolling radius of its rest position, whatever its present load.
+        if coulomb:
+            wheel_place = wheel_place._replace(rolling=geometry.wheel_radii[index] - compression(static_load))
         wheels.append(
             SpinningWheel(
                 wheel_place,
                 float(tensor[1, 1] + actuator.default_reflected_inertia()),
                 float(gain + joint.default_damping()),
                 part.parked,
-                part.vehicle.geometry.wheel_radii[index],
+                geometry.wheel_radii[index],
                 spring,
                 static_load,
-                RelaxationSettings(damping=DAMPING_BY_LOAD * static_load, lateral_damping=tyres.lateral_damping),
+                settings,
+                geometry.wheel_widths[index],
+                tyres.rolling_resistance,
+                coulomb,
+                actuator.input_start() - first,
+                actuator.effort_limit(),
             )
         )
     return wheels
 
 
-_MEMORY = record_type(Memory)
+def wheel_laws(part: VehicleInPlant) -> tuple[SteadyLaw, list[TyreLaw]]:
+    """Return the law in steady state of a vehicle's tyres, and the tyre law of each wheel.
 
-
-class _Solution(NamedTuple):
-    force: npt.NDArray[np.float64]  # generalised
-    memory: Records
-    logged: npt.NDArray[np.float64]
+    Raises:
+        ConfigError: a .tir file is missing or wrong.
+    """
+    tyres = part.vehicle.spec.tyres
+    if isinstance(tyres, SlipTyres):
+        axles = tyres.axle_laws(part.vehicle.folder)
+        return tyres.law, [axles[index >= 2] for index in range(len(WHEELS))]
+    return COULOMB_LAW, [make_coulomb_law(friction, REFERENCE_FRICTION) for friction in part.tyre_mu]
 
 
 def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
@@ -104,60 +128,193 @@ def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
     return np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
 
 
-class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Base of the systems that apply the forces of all tyres of a vehicle.
+class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Equations of a step of the tyres of a vehicle, as one function without a state.
 
-    The derived class has its own inputs and equations (:meth:`_calc`); ports, parameters and states that both contacts
-    share are declared here.
+    Each call from Drake into Python takes about as long as the equations, so there is one a step. The rest of a
+    :class:`TyreSystem` are blocks of Drake.
 
     Input ports:
-        plant_state: the plant's state, positions and velocities.
-        wheel_torque (8) [N m]: drive torques of the wheels, then largest torques of their brakes.
+        given: state of the plant, friction of the ground under each wheel, inputs of the step, memory of the wheels.
+        wheel_torque, actuation: as those of :class:`TyreSystem`.
     Output ports:
-        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m].
-        tyre_forces (20): quantities of :data:`FORCES` for each wheel, of the last step.
+        solution: generalised forces; memory of the wheels; quantities of :data:`FORCES` of each wheel; torques of the
+            rolling resistance; loads.
 
     Args:
-        plant: finalised plant with a discrete step.
+        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
         part: the vehicle.
-        memory: memory of the equations at rest, of one wheel.
-        friction: friction of the ground at the start [1].
+        bearing: what bears the wheels.
     """
 
-    optional_inputs: tuple[str, ...] = ("wheel_torque",)
-
-    def __init__(
-        self, plant: MultibodyPlant, part: VehicleInPlant, *, memory: Sequence[float], friction: float
-    ) -> None:
+    def __init__(self, plant: MultibodyPlant, part: VehicleInPlant, bearing: "Bearing") -> None:
         super().__init__()
-        count = len(WHEELS)
-        self._velocities, self._period = plant.num_velocities(), plant.time_step()
+        count, record = len(WHEELS), record_type(bearing.memory)
         # With the vehicle frame at the origin, world coordinates are those of the vehicle.
         context = plant.CreateDefaultContext()
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
         mass = plant.CalcTotalMass(context, [part.instance])
         centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
-        self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
-        self._no_torque = np.zeros(2 * count)
-        # Drive and brake torques are separate, because brakes cannot turn a wheel backwards.
+        car = records(SpinningCar, [SpinningCar(plant.time_step(), plant.num_positions(), mass, centre)])
+
+        # The law, compiled into the step, and the curves of the tyres at their loads.
+        law, self._laws = wheel_laws(part)
+        self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
+        self._curves = np.zeros(count, curve_type(law))
+        self._curves["load"] = np.nan  # not evaluated yet
+        # Wheels with the same law share their curves.
+        known: dict[int, dict[tuple[float, float, float], Any]] = {id(law): {} for law in self._laws}
+        self._known = [known[id(law)] for law in self._laws]
+
+        # Ports. Their vectors are copied to and from arrays of which the arguments of the step are views.
+        memory = count * record.itemsize // np.dtype(float).itemsize
+        self.given_sizes = [plant.num_multibody_states(), count, bearing.inputs, memory]
+        self.solution_sizes = [plant.num_velocities(), memory, count * len(FORCES), count, count]
+        self._given, x, self._friction, measured, before = _views(self.given_sizes)
+        self._solution, force, self._after, logged, resistances, loads = _views(self.solution_sizes)
+        self._after = self._after.view(record)
+        self._torques, self._efforts = np.zeros(2 * count), np.zeros(plant.num_actuators(part.instance))
+        tyres = (self._torques, self._efforts, self._friction, car, bearing.wheels, self._curves, before.view(record))
+        results = (force, self._after, logged.reshape(count, len(FORCES)), resistances, loads)
+        self._arguments = [(x, *bearing.arguments(measured, again=again), *tyres, *results) for again in (False, True)]
+
         torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
-        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.given = self.DeclareVectorInputPort("given", sum(self.given_sizes))
         self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
-        # Friction of each wheel's road, as a parameter that a surface changes while driving.
-        self.friction = self.DeclareNumericParameter(BasicVector(np.full(count, friction / REFERENCE_FRICTION)))
-        self._memory = self.DeclareDiscreteState(np.tile(memory, count))
-        self._logged = self.DeclareDiscreteState(count * len(FORCES))
-        # One cache entry for force, memory and log: the output and the update need the same solution of a step.
-        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
-        self.generalized_force = self.DeclareVectorOutputPort(
-            "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
+        self.actuation = self.DeclareVectorInputPort("actuation", len(self._efforts))
+        self.solution = self.DeclareVectorOutputPort("solution", len(self._solution), self._calc)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        """Compute the forces of a step, its memory and its logged quantities."""
+        self._given[:] = self.given.Eval(context)
+        self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
+        self._efforts[:] = self.actuation.Eval(context) if self.actuation.HasValue(context) else 0.0
+        first, again = self._arguments
+        # The step reports loads without a valid curve; curves are made in Python, then the step is repeated.
+        if not self.step(*first):
+            self._make_curves()
+            if not self.step(*again):  # the state is NaN
+                self._solution.fill(np.nan)
+        output.SetFromVector(self._solution)
+
+    def _make_curves(self) -> None:
+        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
+        after = self._after
+        for i, law in enumerate(self._laws):
+            node = float(after["load"][i]), float(after["inclination"][i]), float(self._friction[i])
+            curve, known = self._curves[i], self._known[i]
+            if (curve["load"], curve["inclination"], curve["friction"]) == node or not np.isfinite(node).all():
+                continue
+            if node not in known:
+                # A bound of memory; curves are cheap to make again.
+                if len(known) >= _MOST_CURVES:
+                    known.clear()
+                tyre = law(*node)
+                known[node] = np.array((*node, plain(tyre.contact), plain(tyre.curve)), self._curves.dtype)
+            self._curves[i] = known[node]
+
+
+def _views(sizes: Sequence[int]) -> tuple[Any, ...]:
+    """Return a vector of zeros, then views of its consecutive parts."""
+    vector = np.zeros(sum(sizes))
+    return (vector, *np.split(vector, np.cumsum(sizes)[:-1]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bearing:
+    """What bears the wheels of a vehicle: the equations of a step and their arguments.
+
+    Attributes:
+        step: equations of a step, a function of a law and of the arguments of :class:`_Equations`.
+        parts: functions that `step` calls, without the law.
+        memory: class of the memory of a wheel; its fields are floats, and zeros at the start.
+        wheels: wheels of the vehicle, for `step`.
+        arguments: (vector of its inputs, whether the step is repeated) -> arguments of `step` of its own.
+        inputs: number of its inputs.
+    """
+
+    step: Callable[..., bool]
+    parts: Sequence[Callable[..., Any]]
+    memory: type[Any]
+    wheels: Records
+    arguments: Callable[..., tuple[Any, ...]]
+    inputs: int = 0
+
+
+class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
+    """Forces of the road on the tyres of a vehicle, with drive and brake torques of its wheels.
+
+    Base of the systems for wheels that Drake's contact bears, and for tyres that touch the ground themselves.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+        wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
+            zeros if it is not connected.
+        actuation: torques of the actuators of the vehicle, which the plant applies [N m]; zeros if it is not connected.
+    Output ports:
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
+        tyre_forces (20): quantities of :data:`FORCES` for each wheel, of the last step.
+        resistance (4) [N m]: torque of the rolling resistance about each axle, of the last step.
+        wheel_load (4) [N]: load of each wheel along the normal of the ground, of the last step.
+
+    The friction of the ground under each wheel is a parameter in the Context;
+    :class:`mirdrake.plant.wheels.RoadFriction` keeps it up to date.
+
+    Axes and signs are those of :mod:`mirdrake.tyres.magic_formula`, ISO 8855 at the contact centre.
+
+    Args:
+        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
+        part: the vehicle.
+        bearing: what bears its wheels.
+        friction: friction of the ground at the start [1].
+
+    Attributes:
+        equations: the system of the equations.
+    """
+
+    optional_inputs: tuple[str, ...] = ("wheel_torque", "actuation")
+
+    def __init__(self, plant: MultibodyPlant, part: VehicleInPlant, bearing: Bearing, *, friction: float) -> None:
+        super().__init__()
+        builder = DiagramBuilder()
+        equations = self.equations = _Equations(plant, part, bearing)
+        builder.AddNamedSystem("equations", equations)
+        ground = np.full(len(WHEELS), friction / REFERENCE_FRICTION)
+        road = builder.AddNamedSystem(_FRICTION, ConstantVectorSource(ground))
+        force, *held = equations.solution_sizes
+        split = builder.AddNamedSystem("split", Demultiplexer([force, sum(held)]))
+        memory = builder.AddNamedSystem("memory", ZeroOrderHold(plant.time_step(), sum(held)))
+        last = builder.AddNamedSystem("last", Demultiplexer(held))
+        # A multiplexer has no input without elements.
+        given = builder.AddNamedSystem("given", Multiplexer([size for size in equations.given_sizes if size]))
+
+        builder.Connect(road.get_output_port(), given.get_input_port(1))
+        builder.Connect(last.get_output_port(0), given.get_input_port(given.num_input_ports() - 1))
+        builder.Connect(given.get_output_port(), equations.given)
+        builder.Connect(equations.solution, split.get_input_port())
+        builder.Connect(split.get_output_port(1), memory.get_input_port())
+        builder.Connect(memory.get_output_port(), last.get_input_port())
+        builder.ExportInput(given.get_input_port(0), "plant_state")
+        builder.ExportInput(equations.wheel_torque, "wheel_torque")
+        builder.ExportInput(equations.actuation, "actuation")
+        if bearing.inputs:
+            builder.ExportInput(given.get_input_port(2), "bearing")
+        builder.ExportOutput(split.get_output_port(0), "generalized_force")
+        for index, name in enumerate(("tyre_forces", "resistance", "wheel_load"), start=1):
+            builder.ExportOutput(last.get_output_port(index), name)
+        builder.BuildInto(self)
+
+        # BuildInto replaces the contents of the Diagram, so ports can be kept only afterwards.
+        self.plant_state, self.wheel_torque, self.actuation = (self.get_input_port(index) for index in range(3))
+        self.generalized_force, self.tyre_forces, self.resistance, self.wheel_load = (
+            self.get_output_port(index) for index in range(4)
         )
-        contents = [
-            Signal(f"{part.name}.tyre_{name}.{wheel}", unit, meaning)
-            for wheel in WHEELS
-            for name, unit, meaning in FORCES
-        ]
-        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
+        copy_signals(equations.wheel_torque, self.wheel_torque)
+        contents = [(f"tyre_{name}.{wheel}", unit, meaning) for wheel in WHEELS for name, unit, meaning in FORCES]
+        torques = [(f"resistance_torque.{wheel}", "N m", "about the axle") for wheel in WHEELS]
+        loads = [(f"wheel_load.{wheel}", "N", "normal load") for wheel in WHEELS]
+        for port, rows in ((self.tyre_forces, contents), (self.resistance, torques), (self.wheel_load, loads)):
+            name_elements(port, [Signal(f"{part.name}.{name}", unit, meaning) for name, unit, meaning in rows])
 
     def set_friction(self, context: Context, wheel: int, friction: float) -> None:
         """Change the friction of the ground under a wheel.
@@ -167,111 +324,56 @@ class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
             wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
             friction: coefficient of the ground [1].
         """
-        context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
+        road: ConstantVectorSource = self.GetSubsystemByName(_FRICTION)
+        own = self.GetMutableSubsystemContext(road, context)
+        road.get_mutable_source_value(own).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
 
-    def _copy_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.evaluate(context).force)
+    def friction(self, context: Context) -> npt.NDArray[np.float64]:
+        """Return the friction of the ground under each wheel [1].
 
-    @abstractmethod
-    def _calc(self, context: Context, result: Any) -> None:
-        """Compute the forces of a step, its memory and its logged quantities."""
+        Args:
+            context: context of this system.
+        """
+        road: ConstantVectorSource = self.GetSubsystemByName(_FRICTION)
+        value = road.get_source_value(self.GetSubsystemContext(road, context)).value()
+        return np.array(value) * REFERENCE_FRICTION
 
 
 class WheelTyres(TyreSystem):
-    """Forces of the road on the tyres of a vehicle, with drive and brake torques of its wheels.
+    """Tyre forces of a vehicle whose wheels Drake's contact bears.
 
-    Input ports:
-        plant_state: the plant's state, positions and velocities.
-        wheel_load [N]: normal loads of all wheels of the plant, from :class:`mirdrake.plant.wheels.RollingResistance`.
-        wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
-            zeros if it is not connected.
-    Output ports:
-        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without
-            delay.
-        tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad] of these forces, of
-            the last step.
-
-    Parameters of the Context: 0: friction of the ground under each wheel, relative to dry asphalt (4) [1];
-    :class:`mirdrake.plant.wheels.RoadFriction` keeps it up to date.
-
-    Axes and signs are those of :mod:`mirdrake.tyres.magic_formula`, ISO 8855 at the contact centre.
+    Input ports, beside those of :class:`TyreSystem`:
+        bearing [N]: normal loads of all wheels of the plant, from :class:`mirdrake.plant.wheels.WheelReadings`.
 
     Args:
-        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
+        plant: finalised plant with a discrete step.
         part: the vehicle.
-        wheels: result of :func:`make_spinning_wheels`.
-        tyres: tyres of the vehicle.
         loads: number of wheels in the plant.
         first: index of its first wheel among them.
         friction: friction of the ground at the start [1].
+
+    Raises:
+        ConfigError: a .tir file is missing or wrong, or the vehicle tips over.
     """
 
     def __init__(
         self,
         plant: MultibodyPlant,
         part: VehicleInPlant,
-        wheels: Sequence[SpinningWheel],
-        tyres: SlipTyres,
         *,
-        loads: int,
+        loads: int = len(WHEELS),
         first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        super().__init__(plant, part, memory=Memory(), friction=friction)
-        law, axle_laws = tyres.law, tyres.axle_laws(part.vehicle.folder)
-        self._laws: list[TyreLaw] = [axle_laws[index >= 2] for index in range(len(wheels))]
-        self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
-        self._wheels = records(SpinningWheel, wheels)
-        self._curves = np.zeros(len(wheels), curve_type(law))
-        self._curves["load"] = np.nan  # not evaluated yet
-        self._first = first
-        self.wheel_load = self.DeclareVectorInputPort("wheel_load", loads)
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
-
-    def _update(self, context: Context, state: DiscreteValues) -> None:
-        solution = self._solution.evaluate(context)
-        state.get_mutable_value(self._memory)[:] = solution.memory.view(float)
-        state.get_mutable_value(self._logged)[:] = solution.logged.ravel()
-
-    def _calc(self, context: Context, result: Any) -> None:
-        count = len(self._wheels)
-        x = self.plant_state.Eval(context)
-        loads = self.wheel_load.Eval(context)[self._first : self._first + count]
-        torques = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else self._no_torque
-        frictions = context.get_numeric_parameter(self.friction).value()
-        # The state is a vector of floats for Drake, viewed as records without a copy.
-        before = context.get_discrete_state(self._memory).value().view(_MEMORY)
-        force, memory, logged = np.empty(self._velocities), np.empty_like(before), np.empty((count, len(FORCES)))
-        given = (x, loads, torques, frictions, self._car, self._wheels, self._curves, before, force, memory, logged)
-        # The step reports loads without a valid curve; curves are made in Python, then the step is repeated.
-        if not self._step(*given):
-            self._make_curves(memory, frictions)
-            if not self._step(*given):  # the state is NaN
-                force.fill(np.nan)
-                logged.fill(np.nan)
-                memory.view(float).fill(np.nan)
-        result.set_value(_Solution(force, memory, logged))
-
-    def _make_curves(self, memory: Records, frictions: npt.NDArray[np.float64]) -> None:
-        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
-        for i, law in enumerate(self._laws):
-            key = float(memory["load"][i]), float(memory["inclination"][i]), float(frictions[i])
-            curve = self._curves[i]
-            if (curve["load"], curve["inclination"], curve["friction"]) != key:
-                tyre = law(*key)
-                self._curves[i] = (*key, tyre.contact, plain(tyre.curve))
-
-
-def make_wheel_tyres(
-    plant: MultibodyPlant, part: VehicleInPlant, *, loads: int, first: int, friction: float
-) -> WheelTyres | None:
-    """Return the tyre forces of a vehicle; None without a tyre law. Arguments as in :class:`WheelTyres`.
-
-    Raises:
-        ConfigError: a .tir file is missing or wrong.
-    """
-    tyres = part.vehicle.spec.tyres
-    if not isinstance(tyres, SlipTyres):
-        return None
-    wheels = make_spinning_wheels(plant, part)
-    return WheelTyres(plant, part, wheels, tyres, loads=loads, first=first, friction=friction)
+        wheels = records(SpinningWheel, make_spinning_wheels(plant, part))
+        own = slice(first, first + len(wheels))
+        bearing = Bearing(
+            step=tyre_step,
+            parts=STEP_PARTS,
+            memory=Memory,
+            wheels=wheels,
+            arguments=lambda measured, again: (measured[own],),  # noqa: ARG005 - the same for a repeated step
+            inputs=loads,
+        )
+        super().__init__(plant, part, bearing, friction=friction)
+        self.measured_load = self.GetInputPort("bearing")

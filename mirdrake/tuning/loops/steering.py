@@ -1,6 +1,7 @@
 """Steering loop: the angle of the steered wheels, by the torque of their joints."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -10,10 +11,11 @@ from pydrake.multibody.tree import JointActuator
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.tuning.frequency_response import measure_frequency_response
 from mirdrake.tuning.identify import (
+    LEAST_DEVIATION,
     Identification,
     failed_relay,
     fit_inertial_step,
-    fit_response,
+    fit_joint,
     inertial_experiment,
     measure_step,
     relay_experiment,
@@ -21,11 +23,13 @@ from mirdrake.tuning.identify import (
 from mirdrake.tuning.loops.base import NOMINAL, LoopModel
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
-from mirdrake.tuning.models import Floats, Integrator
+from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult, run_relay_test
 from mirdrake.tuning.rules import simc, simc_double_integrator
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.vehicles import Vehicle
+
+_SLOWEST = 1e-9  # rate of a pole that is taken for zero [1/s]
 
 
 class SteeringLoop(VehicleLoop):
@@ -41,10 +45,6 @@ class SteeringLoop(VehicleLoop):
     output: ClassVar[str] = "steering_angle"
     output_unit: ClassVar[str] = "rad"
     initial_speed: ClassVar[float] = 3.0
-
-    def steps_per_period(self, study: TuningSpec, rate: float) -> int:  # noqa: ARG002
-        """Return two: steered joints are light and stiff."""
-        return 2
 
     def default_step_and_load(self, vehicle: Vehicle, scale: float) -> tuple[float, float]:  # noqa: ARG002
         """See :meth:`VehicleLoop.default_step_and_load`."""
@@ -145,7 +145,7 @@ class SteeringLoop(VehicleLoop):
                 cycles=3,
                 settle=1,
             )
-            fitted, fit = fit_response(response, start, order=2)
+            fitted, fit = fit_joint(response, start)
             responses.append(response)
             plants.append(fitted)
             experiments.append(inertial_experiment("wheels_apart" if apart else "frequency_response", fitted, fit))
@@ -162,14 +162,42 @@ class SteeringLoop(VehicleLoop):
         identified = replace(spec, model=model)
 
         # Rules take the faster and later of both.
-        gain, rate, delay = (
-            max(main.numerator[0], opposed.numerator[0]),
-            min(main.denominator[1], opposed.denominator[1]),
-            max(main.delay, opposed.delay),
-        )
+        gain, delay = (max(main.numerator[0], opposed.numerator[0]), max(main.delay, opposed.delay))
         identification = Identification(identified, tuple(experiments), relay=relay, frequency=responses[0])
-        # The lag 1 / rate is shorter than the dead time: an integrator, with half of the lag as dead time (half rule).
-        if rate * delay > 1.0:
-            speed = max(plant.numerator[0] / plant.denominator[1] for plant in plants)
-            return replace(identification, first=Integrator(speed, delay + 0.5 / rate), lag=1.0 / rate)
+        first, lag = _damped_model(plants, delay)
+        # Rules neglect the lag of the damped inertia if it is shorter than the dead time.
+        if lag < delay:
+            return replace(identification, first=first, lag=lag)
         return replace(identification, inertial=(gain, delay))
+
+
+def _damped_model(plants: Sequence[TransferFunction], delay: float) -> tuple[FirstOrder | Integrator, float]:
+    """Return the slow part of models of joints, and their fast lag, half of which is in its dead time.
+
+    The slow part is a first order, as the road resists the angle of a rolling wheel (:mod:`mirdrake.tyres.coulomb`).
+    It is an integrator if this does not matter: if a controller without integral part, by SIMC, had a static error
+    below :data:`mirdrake.tuning.identify.LEAST_DEVIATION`. Half rule and zero as in S. Skogestad, Journal of Process
+    Control 13 (2003) 291, section 2.
+
+    Args:
+        plants: both wheels together, and against each other, from :func:`mirdrake.tuning.identify.fit_joint`; the
+            faster and the later one count.
+        delay: dead time without the half rule [s].
+    """
+    slopes = []
+    for plant in plants:
+        # A pair of complex poles counts by its real part; the angle of a joint without stiffness has a pole at zero.
+        rates = sorted(float(max(-pole.real, _SLOWEST)) for pole in np.roots(plant.denominator))
+        slope = plant.numerator[0] / math.prod(rates[1:])
+        if len(plant.numerator) > 1:
+            # The zero of a relaxing spring is between both slow poles: (1 + T0 s) / (1 + T s) has the gain T0 / T.
+            zero, lag = plant.numerator[0] / plant.numerator[1], 1.0 / rates[1]
+            slope *= max(zero, delay) / max(lag, delay) / zero
+        slopes.append((slope, 1.0 / rates[0], 1.0 / rates[-1]))
+    slope = max(slope for slope, _, _ in slopes)
+    slow, fast = min(slow for _, slow, _ in slopes), max(fast for _, _, fast in slopes)
+    total = delay + 0.5 * fast
+    # SIMC: K Kc = T / (2 L), and the static error is 1 / (1 + K Kc).
+    if 1.0 / (1.0 + slow / (2.0 * total)) < LEAST_DEVIATION:
+        return Integrator(slope, total), fast
+    return FirstOrder(slope * slow, slow, total), fast

@@ -113,7 +113,7 @@ class VehicleLoop(LoopKind):
             "systems": blocks,
             "connect": connect,
             # Whole steps of the plant per period of the unit, so that updates are on steps.
-            "plant": _plant(study, vehicle.control.rate, steps=self._steps(study, vehicle)),
+            "plant": _plant(study, vehicle.control.rate, steps=_steps_per_period(vehicle.control.rate)),
             "record": {"rate": vehicle.control.rate, "meshcat": False, "report": False},
             "duration": course.duration,
             "seed": study.seed,
@@ -162,24 +162,6 @@ class VehicleLoop(LoopKind):
     def channels(self, vehicle: Vehicle) -> int:
         """Return the number of channels of the delayed command."""
         return len(ElementTree.fromstring(vehicle.urdf).findall("transmission"))
-
-    def steps_per_period(self, study: TuningSpec, rate: float) -> int:
-        """Return the default number of steps of the plant per period of the controller.
-
-        One is enough for the speed of a car if the actuator's delay is at least half a period: an error of half a
-        period would matter otherwise.
-        """
-        return 2 if study.test.delay < 0.5 / rate else 1
-
-    def _steps(self, study: TuningSpec, vehicle: Vehicle) -> int:
-        """Return the default number of steps of the plant per period.
-
-        The slip of a light wheel on a stiff tyre decays within milliseconds: at a step of 20 ms it oscillates whatever
-        the gains, so tyres with a law get the step of a diagram.
-        """
-        rate = vehicle.control.rate
-        steps = self.steps_per_period(study, rate)
-        return max(steps, math.ceil(1.0 / (rate * PlantSpec().time_step))) if vehicle.spec.tyres.has_law else steps
 
     def course(self, study: TuningSpec, vehicle: Vehicle, speed: float | None) -> Course:
         """Return the test manoeuvre; a small car drives more slowly, by the root of its wheelbase."""
@@ -267,6 +249,15 @@ class VehicleLoop(LoopKind):
 def _vehicle_name(study: TuningSpec) -> str:
     name, mark, variant = str(study.vehicle).partition("@")
     return str(study.vehicle) if study.folder is None else f"{_absolute(name, Path(study.folder))}{mark}{variant}"
+
+
+def _steps_per_period(rate: float) -> int:
+    """Return the default number of steps of the plant per period of the controller: at least that of a diagram.
+
+    The slip of a light wheel on a stiff tyre decays within milliseconds: at a step of 20 ms it oscillates whatever the
+    gains.
+    """
+    return max(2, math.ceil(1.0 / (rate * PlantSpec().time_step)))
 
 
 def _plant(study: TuningSpec, rate: float, *, steps: int) -> dict[str, object]:
