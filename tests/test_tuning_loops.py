@@ -29,7 +29,7 @@ from mirdrake.tuning.spec import TuningSpec, make_tuning
 
 BOTH = "vehicle: bolt\nloop: speed\n"
 BOLT = {"kp": 250.0, "ki": 100.0, "kd": 20.0}
-# With 20 N m s² at 50 Hz the first torque depends on the compliance of the tyres, which a rigid wheel does not have.
+# With 20 N m s² at 50 Hz the first torque depends on the tyres' compliance, which the reduced model does not have.
 SMOOTH = BOLT | {"kd": 8.0}
 
 
@@ -172,7 +172,8 @@ def test_reduced_model_and_plant_agree() -> None:
     evaluate = LoopEvaluator(replace(spec, model=wheels))
     reduced, plant = evaluate(SMOOTH, fidelity="reduced"), evaluate(SMOOTH)
     assert reduced.status == plant.status == "ok"
-    for figure, tolerance in {"iae": 0.08, "peak_effort": 0.01, "rise_time": 0.03}.items():
+    # The reduced wheel is rigid; on its tyre it gains speed before the car does, so the peak of the effort is lower.
+    for figure, tolerance in {"iae": 0.08, "peak_effort": 0.08, "rise_time": 0.03}.items():
         assert reduced.figures[figure] == pytest.approx(plant.figures[figure], rel=tolerance)
 
 
@@ -213,9 +214,9 @@ def test_a_diverging_loop_is_not_simulated_to_the_end() -> None:
 
 def test_figures_of_a_speed_loop_do_not_depend_on_the_step_of_the_plant() -> None:
     spec, plain = speed_loop(), make_tuning({"vehicle": "bolt", "loop": "speed", "test": {"duration": 4.0}})
-    assert spec.diagram["plant"]["time_step"] == 0.01
-    half = make_loop_spec(plain.model_copy(update={"plant": type(plain.plant)(time_step=0.005)}))
-    assert half.diagram["plant"]["time_step"] == 0.005
+    assert spec.diagram["plant"]["time_step"] == 0.005
+    half = make_loop_spec(plain.model_copy(update={"plant": type(plain.plant)(time_step=0.0025)}))
+    assert half.diagram["plant"]["time_step"] == 0.0025
     for gains in (SMOOTH, {"kp": 300.0, "ki": 150.0, "kd": 10.0}):
         whole, other = LoopEvaluator(spec)(gains).figures, LoopEvaluator(half)(gains).figures
         assert whole["iae"] == pytest.approx(other["iae"], rel=0.02)
