@@ -343,7 +343,7 @@ def test_a_path_is_a_loop() -> None:
     assert firm.figures["iae"] < 0.7 * soft.figures["iae"]
 
 
-def test_tyres_with_a_law_get_the_step_of_a_diagram() -> None:
+def test_loops_are_tested_at_the_step_of_a_diagram() -> None:
     # The slip of a wheel decays with I v / (C r^2), 2 ms at 15 m/s for 1 kg m^2, 80 kN and 0.3 m.
     steps = {
         (vehicle, loop): make_loop_spec(make_tuning({"vehicle": vehicle, "loop": loop})).time_step
@@ -351,6 +351,6 @@ def test_tyres_with_a_law_get_the_step_of_a_diagram() -> None:
         for loop in ("speed", "steering")
     }
     assert steps == {
-        ("bolt", "speed"): 0.02, ("bolt", "steering"): 0.01,
+        ("bolt", "speed"): 0.005, ("bolt", "steering"): 0.005,
         ("bolt@handling", "speed"): 0.005, ("bolt@handling", "steering"): 0.005,
     }  # fmt: skip
