@@ -20,6 +20,7 @@ html_theme = "furo"
 html_title = "mirdrake"
 html_static_path = ["."]
 html_css_files = ["site.css"]
+html_extra_path = ["film.html"]  # a page of its own within the gallery
 html_show_sphinx = False
 html_copy_source = False
 html_math_renderer = "mathml"

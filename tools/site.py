@@ -14,6 +14,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
+from mirdrake.runs.simulation import simulate
+from mirdrake.suites import collect_cases
+from mirdrake.viewer.recording import recording_page
 from tools.api_page import MODULES, ROOT, public_names
 
 STAGE = ROOT / "build" / "pages"
@@ -98,6 +101,7 @@ def collect_pages(stage: Path) -> None:
         if file.suffix in {".jpg", ".png", ".svg", ".py", ".css"}:
             shutil.copy(file, stage)
     write_modules(stage / "modules")
+    write_film(stage / "film.html")
 
 
 def write_modules(folder: Path) -> None:
@@ -114,6 +118,12 @@ def write_modules(folder: Path) -> None:
         )
         page = f"# mirdrake.{name}\n\n```{{eval-rst}}\n{directive}\n```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
+
+
+def write_film(path: Path) -> None:
+    """Write the recording of the gallery: a car brakes for a pedestrian, as in the notebook about crossings."""
+    (case,) = collect_cases([ROOT / "notebooks" / "files" / "crossing.yaml"])
+    path.write_text(recording_page(simulate(case.diagram)), encoding="utf-8")
 
 
 def main() -> int:
