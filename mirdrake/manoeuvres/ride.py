@@ -71,7 +71,9 @@ class RoughRoadSpec(_Ride):
         """Simulate one run."""
         rig = rig.with_step(self.time_step)
         total = self.run_up * self.speed + self.length
-        relief = [{"roughness": {"class": self.roughness, "seed": rig.seed}}]
+        # A road of all lengths times λ has λ times the density: Gd(n) is in m³ and falls with n².
+        density = ROUGHNESS[self.roughness] * rig.facts.scale
+        relief = [{"roughness": {"density": density, "seed": rig.seed}}]
         record = self.run(rig, "rough", self.speed, length=total, relief=relief)
         shown = record.time >= self.run_up
         step, acceleration = record.step, body_acceleration(record, self.seat)
@@ -92,7 +94,7 @@ class RoughRoadSpec(_Ride):
         _add_load_limits(outcome, record, shown)
         _add_travel_rms(outcome, record, shown)
         _add_travel_limits(outcome, record, shown)
-        tracks = _profiles(record, shown, rig, self.roughness)
+        tracks = _profiles(record, shown, rig, density)
         index = float(np.mean([roughness_index(track, _PROFILE) for track in tracks]))
         outcome.add("iri", "International Roughness Index of the road", index, "m/km", "mean of both wheel tracks")
         _bands_chart(outcome, acceleration[behind, 2], filtered[2], step)
@@ -189,9 +191,9 @@ def _add_travel_limits(outcome: Outcome, record: Record, shown: Any) -> None:
         outcome.add(f"travel_rebound_{axle}", f"Largest rebound travel, {axle}", rebound, "mm", scale=size)
 
 
-def _profiles(record: Record, shown: Any, rig: Rig, roughness: RoughnessClass) -> list[Array]:
+def _profiles(record: Record, shown: Any, rig: Rig, density: float) -> list[Array]:
     """Return the heights of the ground along the tracks of the left and right front wheels [m]."""
-    terrain = Terrain(list(Roughness(ROUGHNESS[roughness], rig.seed).grids()))
+    terrain = Terrain(list(Roughness(density, rig.seed).grids()))
     first, last = float(record.x[shown][0]), float(record.x[shown][-1])
     x = np.arange(first, last, _PROFILE)
     half = 0.5 * rig.vehicle.geometry.front_track
