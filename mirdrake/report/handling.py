@@ -134,7 +134,7 @@ def _warnings(results: HandlingResults) -> list[str]:
         warnings.append(
             "Load transfer and camber of the single-track model are those of small lateral accelerations, so that its "
             "largest one may be too high."
-            if results.facts.has_tyre_law
+            if results.facts.has_slip
             else "The single-track model has assumed cornering stiffnesses, no roll and no lateral load transfer."
         )
     if not results.facts.pedals:
