@@ -393,10 +393,15 @@ def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
 def test_a_drawing_fits_the_width_of_a_page(expand: tuple[str, ...], widest: float) -> None:
     """In points at full size; the expanded drawing of a row from left to right had 3365."""
     svg = draw_svg(assemble("bolt_test_track", expand=bool(expand)), expand=expand)
-    width, height = (float(number) for number in re.search(r'width="(\d+)pt" height="(\d+)pt"', svg).groups())
+
+    def size(text: str) -> list[float]:
+        found = re.search(r'width="(\d+)pt" height="(\d+)pt"', text)
+        assert found is not None
+        return [float(number) for number in found.groups()]
+
+    width, height = size(svg)
     assert width < widest
-    fitted = re.search(r'width="(\d+)pt" height="(\d+)pt"', fit_svg(svg, widest=500.0))
-    assert [float(number) for number in fitted.groups()] == pytest.approx([500.0, 500.0 * height / width], abs=0.5)
+    assert size(fit_svg(svg, widest=500.0)) == pytest.approx([500.0, 500.0 * height / width], abs=0.5)
 
 
 def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
