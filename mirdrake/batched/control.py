@@ -111,7 +111,7 @@ class BatchControl:
         self._delayed: Floats = np.zeros((self.cars.count, int(self._delays.max()) + 1, 5))
         self._delayed[:, :, 0] = angles[:, None]
         self._delayed[:, :, 4] = speeds[:, None] * self._unit.true_over_believed
-        self._tracked: Floats = np.zeros((self.cars.count, 8))
+        self._tracked: Floats = np.zeros((self.cars.count, 9))
         self._periods = 0
 
     def run(self, commands: ArrayLike, *, outputs: Sequence[str] | None = None, every: int = 1) -> BatchRun:

@@ -153,7 +153,8 @@ def drive(
         delayed: outputs of each unit that do not act yet (n, longest delay + 1, 5), a ring, updated; the present ones
             are at the place of the last control instant.
         delays: delay of each car in control periods (n).
-        tracked: command (3) of the path tracker, path error (4) and whether it has started (n, 8), updated.
+        tracked: command (3) of the path tracker, path error (4), whether it has started, and its filtered side slip
+            (n, 9), updated.
         outputs: rows (n, rows, columns), overwritten; not a number from the row on in which a car diverged.
     """
     unit, periods = units[0], commands.shape[1]
@@ -272,7 +273,7 @@ def track(
         x: states.
         rear_length: from the centre of mass to the rear axle [m].
         time: present time [s].
-        tracked: command, path error, and whether it has started; updated.
+        tracked: command, path error, whether it has started, and the filtered side slip; updated.
     """
     # Newton's projection from the last place is cheap; the search over all points is for the start and for lost cars.
     started = tracked[7] != 0.0
@@ -282,7 +283,9 @@ def track(
     if not settled:
         _, place = project(path, table, x.x, x.y, nearest_point(path, table, x.x, x.y))
     motion = PathMotion(x.x, x.y, wrap_angle(x.yaw), x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate)
-    speed, steering = tracker_step(path, table, line, gains, tracker, place, motion, tracked[0], started)
+    speed, steering, tracked[8] = tracker_step(
+        path, table, line, gains, tracker, place, motion, tracked[0], tracked[8], started
+    )
     # The arc length of a closed track jumps at the start line: the shorter way round is the distance covered.
     covered = place.s - tracked[5] if started else 0.0
     if path.closed:

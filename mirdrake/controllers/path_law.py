@@ -23,6 +23,7 @@ _APPROACH = 0.5  # share of d times that curvature that the slope of the approac
 _STEEPEST = 0.7  # tangent of the steepest angle at which the line is approached
 _STEEPEST_COURSE = 1.2  # course errors beyond this count as this [rad]
 _NEAREST = 0.2  # smallest 1 - kappa e that counts: 80 % of the way to the centre of the curve
+_LARGEST_SLIP = 0.2  # measured side slip beyond this counts as this [rad]
 _TURN_MARGIN = 1.3  # how much more than the lateral limit a correction may take before the car slows down
 _BRAKE_MARGIN = 1.25  # how much faster than planned the speed command may fall
 
@@ -240,9 +241,14 @@ def tracker_step(
     place: Place,
     motion: Motion,
     previous: float,
+    slip: float,
     started: bool,
-) -> tuple[float, float]:
-    """Return the commands of speed [m/s] and steering [rad].
+) -> tuple[float, float, float]:
+    """Return the commands of speed [m/s] and steering [rad], and the filtered side slip [rad].
+
+    The course is the yaw plus the side slip. On elastic tyres the rear axle slips to the other side first when the car
+    is steered, so that feedback of the present side slip makes the loop oscillate; only its slow part counts, that of a
+    bend. The time constant of the filter is the time of convergence.
 
     Args:
         path: numbers of the centre line.
@@ -253,11 +259,15 @@ def tracker_step(
         place: where the rear axle centre is.
         motion: its motion.
         previous: last speed command [m/s].
-        started: whether there is one; the speed command starts from the speed that the vehicle has.
+        slip: last filtered side slip [rad].
+        started: whether there is a last one; the speed command starts from the speed that the vehicle has.
     """
-    # The course is the yaw but for side slip, which means nothing at a crawl.
+    # Side slip means nothing at a crawl.
     speed = max(motion.vx, 0.0)
-    course = motion.yaw + min(max(math.atan2(motion.vy, max(motion.vx, 1.0)), -0.2), 0.2)
+    measured = min(max(math.atan2(motion.vy, max(motion.vx, 1.0)), -_LARGEST_SLIP), _LARGEST_SLIP)
+    lag = max(gains.convergence_time, gains.convergence_distance / max(speed, 1.0))
+    slip = slip + (measured - slip) * vehicle.period / (lag + vehicle.period) if started else measured
+    course = motion.yaw + slip
 
     # Where the vehicle will be when the steering acts.
     way, turn = speed * gains.preview_time, motion.yaw_rate * gains.preview_time
@@ -269,8 +279,8 @@ def tracker_step(
         ahead = place
     steering = steering_step(path, line, gains, vehicle, ahead, course + turn, speed)
     if not started:
-        return min(speed, gains.speed), steering
-    return speed_step(path, line, gains, vehicle, previous, ahead, steering), steering
+        return min(speed, gains.speed), steering, slip
+    return speed_step(path, line, gains, vehicle, previous, ahead, steering), steering, slip
 
 
 PATH_PARTS = (project, nearest_point, line_place, line_value, steering_step, speed_step, tracker_step)

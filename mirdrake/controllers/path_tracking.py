@@ -130,12 +130,14 @@ class PathState(NamedTuple):
         laps: distance covered over the length of the track [1].
         speed: last speed command [m/s].
         started: 0 before the first step, then 1.
+        slip: filtered side slip of the rear axle [rad].
     """
 
     progress: float = 0.0
     laps: float = 0.0
     speed: float = 0.0
     started: float = 0.0
+    slip: float = 0.0
 
 
 class PathTracker(LeafSystem):
@@ -156,7 +158,8 @@ class PathTracker(LeafSystem):
     running. The line is planned for the set-point rounded up to 0.25 m/s, when first needed (about 10 ms for 150 m),
     and remembered.
 
-    State: discrete, group 0 the command, group 1 the path error, group 2 whether it has started.
+    State: discrete, group 0 the command, group 1 the path error, group 2 whether it has started, and the filtered side
+    slip [rad].
 
     Args:
         track: the track to follow.
@@ -199,7 +202,7 @@ class PathTracker(LeafSystem):
         self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
         self._command = self.DeclareDiscreteState(3)
         self._error = self.DeclareDiscreteState(4)
-        self._started = self.DeclareDiscreteState(1)
+        self._memory = self.DeclareDiscreteState(2)
         self.command = declare_state_output(self, "command", COMMAND, self._command)
         self.path_error = declare_state_output(self, "path_error", PATH_ERROR, self._error)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -216,7 +219,8 @@ class PathTracker(LeafSystem):
     def _read(self, context: Context) -> PathState:
         _, _, progress, laps = context.get_discrete_state(self._error).value().tolist()
         speed, _, _ = context.get_discrete_state(self._command).value().tolist()
-        return PathState(progress, laps, speed, context.get_discrete_state(self._started).value().item())
+        started, slip = context.get_discrete_state(self._memory).value().tolist()
+        return PathState(progress, laps, speed, started, slip)
 
     def _find(self, x: float, y: float, state: PathState) -> Place:
         """Return the projection of a point: near the last one, else anywhere on the track."""
@@ -237,7 +241,7 @@ class PathTracker(LeafSystem):
         line, length = self.line_for(gains.speed), self.path.length
         # The search starts from the last place, because a path may cross itself.
         place = self._find(x, y, state)
-        speed, steering = tracker_step(
+        speed, steering, slip = tracker_step(
             self.path.numbers,
             self.path.rows,
             line,
@@ -246,6 +250,7 @@ class PathTracker(LeafSystem):
             place,
             Motion(x, y, yaw, vx, vy, wz),
             state.speed,
+            state.slip,
             bool(state.started),
         )
         speed = self._limited(context, values, speed, vx)
@@ -257,6 +262,7 @@ class PathTracker(LeafSystem):
         values.set_value(self._command, Command(speed, steering, time))
         error = [place.lateral, wrap_angle(yaw - place.yaw), place.s, state.laps + covered / length]
         values.set_value(self._error, error)
+        values.set_value(self._memory, [state.started, slip])
 
     def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:  # noqa: ARG002
         """Return the speed to command [m/s]; a driver that regards traffic makes it smaller than that on a free road.
@@ -276,7 +282,7 @@ class PathTracker(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         self._step(context, values)
-        values.set_value(self._started, [1.0])
+        values.get_mutable_value(self._memory)[0] = 1.0
 
 
 def _planner(centre: CentreLine, law: Ackermann, limits: DrivingLimits) -> Callable[[float], list[list[float]]]:
