@@ -238,9 +238,10 @@ def test_gains_that_oscillate_at_a_finer_step_are_not_robust() -> None:
 
 
 def test_the_finer_step_is_that_of_a_diagram_or_half_of_its_own(bolt: LoopSpec) -> None:
-    assert bolt.diagram["plant"]["time_step"] == 0.02
-    assert at_finer_step(bolt).diagram["plant"]["time_step"] == 0.005
-    assert at_finer_step(at_finer_step(bolt)).diagram["plant"] == {**bolt.diagram["plant"], "time_step": 0.0025}
+    assert bolt.diagram["plant"]["time_step"] == 0.005
+    coarse = replace(bolt, diagram={**bolt.diagram, "plant": {**bolt.diagram["plant"], "time_step": 0.02}})
+    assert at_finer_step(coarse).diagram["plant"] == bolt.diagram["plant"]
+    assert at_finer_step(bolt).diagram["plant"] == {**bolt.diagram["plant"], "time_step": 0.0025}
 
 
 def test_a_notice_states_the_effect_of_a_finer_step() -> None:
