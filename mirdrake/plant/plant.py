@@ -78,6 +78,11 @@ _CLEARANCE = 0.2  # distance of the plane for other bodies below uneven ground [
 DISSIPATION = 0.1
 """Damping of a contact whose shapes have none, over its force [s/m]."""
 
+BOUNCE_DAMPING = 0.25
+"""Damping ratio of a vehicle without suspension on Coulomb tyres [1]: such a model leaves the suspension out, whose
+damping ratio is 0.2 to 0.4 (T. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 5); that of rubber alone,
+some per cent, would let it bounce and pitch for seconds."""
+
 ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: much stiffer than a tyre, so that the tyre's stiffness dominates."""
 
@@ -346,6 +351,9 @@ def add_vehicle(
             actuator.set_controller_gains(PdControllerGains(p=servo.stiffness, d=servo.damping))
 
     # Contact shapes of the tyres, and their compression.
+    ratio = None if vehicle.spec.tyres.has_slip or vehicle.spec.suspension else BOUNCE_DAMPING
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+    load = GRAVITY * sum(body.default_mass() for body in bodies) / len(wheels)
     tyres, frictions = [], []
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
@@ -359,7 +367,7 @@ def add_vehicle(
         material = scene_graph.model_inspector().GetProximityProperties(geometries[0])
         frictions.append(material.GetProperty("material", "coulomb_friction").dynamic_friction())
         shape = make_wheel_shape(contact, radius=radius, width=width, mirrored=wheel.endswith("right"))
-        tyres.append(_shape_tyre(plant, scene_graph, joint, geometries[0], shape))
+        tyres.append(_shape_tyre(plant, scene_graph, joint, geometries[0], shape, ratio=ratio, load=load))
     inspector = scene_graph.model_inspector()
     # Both wheels of an axle have the same tyre.
     compression = _compressions(vehicle, contact, [inspector.GetProximityProperties(tyres[i]) for i in (0, 2)])
@@ -394,9 +402,19 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
 
 
 def _shape_tyre(
-    plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    wheel: Joint,
+    tyre: GeometryId,
+    shape: Shape,
+    *,
+    ratio: float | None,
+    load: float,
 ) -> GeometryId:
     """Register the shape of a tyre on the wheel carrier, in place of the wheel; return its id.
+
+    With a damping `ratio` of the bounce under the load [N], the dissipation d of the tyre is at least that which gives
+    it: a force F (1 + d x') on the stiffness k damps the load F = k x by F d, so that d = 2 ratio / sqrt(g x).
 
     The shape has no friction, as tyre forces come from the tyre law, so its rotation has no physical effect. But a
     discrete step takes the patch of a turning shape at the old angle and its pressure at the new one. The load of a
@@ -406,6 +424,11 @@ def _shape_tyre(
     apart, source = _filtered_geometries(scene_graph, tyre), plant.get_source_id()
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
     properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(0.0, 0.0))
+    if ratio is not None:
+        stiffness = properties.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
+        given = properties.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
+        wanted = 2.0 * ratio / sqrt(GRAVITY * load / stiffness)
+        properties.UpdateProperty("material", "hunt_crossley_dissipation", max(given, wanted))
     scene_graph.RemoveRole(source, tyre, Role.kProximity)
     # Pose of the wheel in its carrier at zero joint angle.
     X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
