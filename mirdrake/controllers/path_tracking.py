@@ -202,7 +202,7 @@ class PathTracker(LeafSystem):
         self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
         self._command = self.DeclareDiscreteState(3)
         self._error = self.DeclareDiscreteState(4)
-        self._memory = self.DeclareDiscreteState(2)
+        self._past = self.DeclareDiscreteState(2)
         self.command = declare_state_output(self, "command", COMMAND, self._command)
         self.path_error = declare_state_output(self, "path_error", PATH_ERROR, self._error)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -219,7 +219,7 @@ class PathTracker(LeafSystem):
     def _read(self, context: Context) -> PathState:
         _, _, progress, laps = context.get_discrete_state(self._error).value().tolist()
         speed, _, _ = context.get_discrete_state(self._command).value().tolist()
-        started, slip = context.get_discrete_state(self._memory).value().tolist()
+        started, slip = context.get_discrete_state(self._past).value().tolist()
         return PathState(progress, laps, speed, started, slip)
 
     def _find(self, x: float, y: float, state: PathState) -> Place:
@@ -262,7 +262,7 @@ class PathTracker(LeafSystem):
         values.set_value(self._command, Command(speed, steering, time))
         error = [place.lateral, wrap_angle(yaw - place.yaw), place.s, state.laps + covered / length]
         values.set_value(self._error, error)
-        values.set_value(self._memory, [state.started, slip])
+        values.set_value(self._past, [state.started, slip])
 
     def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:  # noqa: ARG002
         """Return the speed to command [m/s]; a driver that regards traffic makes it smaller than that on a free road.
@@ -282,7 +282,7 @@ class PathTracker(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         self._step(context, values)
-        values.get_mutable_value(self._memory)[0] = 1.0
+        values.get_mutable_value(self._past)[0] = 1.0
 
 
 def _planner(centre: CentreLine, law: Ackermann, limits: DrivingLimits) -> Callable[[float], list[list[float]]]:
