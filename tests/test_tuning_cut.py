@@ -121,6 +121,11 @@ def test_rules_give_a_cascade_its_gains_from_the_inside_to_the_outside(cascade):
         assert result.figures["ms"] < 2.0
 
 
+def test_a_loop_of_a_diagram_has_no_delays_beyond_its_own():
+    study = make_tuning({"vehicle": "bolt", "loop": "path"})
+    assert all(LOOP_KINDS[kind].delays(study) == (0.0, 0.0) for kind in ("diagram", "block", "cascade", "path"))
+
+
 def test_an_effort_that_is_no_output_has_no_margins(tmp_path, cascade):
     loop = {"diagram": str(tmp_path / "cascade.yaml"), "reference": "step.y", "output": "line.place"}
     loop["effort"] = "ego.steering_setpoint"

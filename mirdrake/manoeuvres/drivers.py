@@ -130,7 +130,7 @@ class _Driver(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
 
     def _steer(self, time: float, state: list[float]) -> float:
-        """Return the bicycle angle [rad] at a time [s]."""
+        """Return the bicycle angle [rad] at a time [s]; each driver defines it."""
         raise NotImplementedError
 
     def _update(self, context: Context, values: DiscreteValues) -> None:

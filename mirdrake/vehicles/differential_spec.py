@@ -19,7 +19,7 @@ class Differential(Schema):
     kind: str
 
     def locking(self, torque: float) -> float:
-        """Return the largest difference of the torques of both wheels [N m].
+        """Return the largest difference of the torques of both wheels [N m]; each kind defines it.
 
         Args:
             torque: torque of the axle [N m], positive where it accelerates the vehicle.

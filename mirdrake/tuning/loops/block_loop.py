@@ -27,7 +27,6 @@ from mirdrake.tuning.loops.controller_block import KIND, ControllerBlock, tuned_
 from mirdrake.tuning.loops.reduced import pid_of
 from mirdrake.tuning.loops.signals import DiagramLoopKind, SignalBench
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
-from mirdrake.tuning.spec import TuningSpec
 
 SLOWEST = 100.0
 """Time constant over delay above which a first-order model counts as an integrator."""
@@ -44,10 +43,6 @@ class BlockLoop(DiagramLoopKind):
     def make_bench(self, spec: LoopSpec) -> "BlockBench":
         """See :meth:`LoopKind.make_bench`."""
         return BlockBench(spec)
-
-    def delays(self, study: TuningSpec) -> tuple[float, float]:
-        """Return the delays of the study; without an entry the diagram has all delays."""
-        return study.robustness.delay or (0.0, 0.0)
 
 
 def with_linear_model(spec: LoopSpec) -> LoopSpec:

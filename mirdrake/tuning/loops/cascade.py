@@ -19,7 +19,6 @@ from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.block_loop import around_block, identify_block, tuned_names
 from mirdrake.tuning.loops.controller_block import tuned_blocks
 from mirdrake.tuning.loops.signals import DiagramLoopKind, SignalBench
-from mirdrake.tuning.spec import TuningSpec
 
 
 class CascadeLoop(DiagramLoopKind):
@@ -33,10 +32,6 @@ class CascadeLoop(DiagramLoopKind):
     def make_bench(self, spec: LoopSpec) -> "CascadeBench":
         """See :meth:`LoopKind.make_bench`."""
         return CascadeBench(spec)
-
-    def delays(self, study: TuningSpec) -> tuple[float, float]:
-        """Return the delays of the study; without an entry the diagram has all delays."""
-        return study.robustness.delay or (0.0, 0.0)
 
     def designs(
         self, identification: Identification, max_sensitivity: float

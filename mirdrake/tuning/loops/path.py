@@ -100,10 +100,6 @@ class PathLoop(SignalLoop):
         """See :meth:`SignalLoop.place`."""
         return where(study, "loop")
 
-    def delays(self, study: TuningSpec) -> tuple[float, float]:
-        """Return the delays of the study; without an entry the diagram has all delays."""
-        return study.robustness.delay or (0.0, 0.0)
-
     def make_bench(self, spec: LoopSpec) -> "PathBench":
         """See :meth:`LoopKind.make_bench`."""
         return PathBench(spec)

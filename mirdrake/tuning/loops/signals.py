@@ -61,6 +61,10 @@ class SignalLoop(LoopKind):
         """See :meth:`LoopKind.make_bench`."""
         return SignalBench(spec)
 
+    def delays(self, study: TuningSpec) -> tuple[float, float]:
+        """Return the delays of the study; without an entry the diagram has all delays."""
+        return study.robustness.delay or (0.0, 0.0)
+
     @abstractmethod
     def signals(self, study: TuningSpec) -> DiagramLoop:
         """Return signals and gains of the loop."""
