@@ -135,6 +135,24 @@ def test_an_effort_that_is_no_output_has_no_margins(tmp_path, cascade):
     assert math.isnan(LoopEvaluator(spec)({"outer.kp": 1.0, "inner.kp": 2.0}).figures["ms"])
 
 
+def test_a_loop_that_is_open_at_the_operating_point_has_no_margins_but_an_error():
+    # At 0.5 s the Bolt begins its circle with the largest steering angle, so the command does not respond.
+    loop = {
+        "diagram": "bolt_skidpad",
+        "reference": 0.0,
+        "output": "ego.lateral_error",
+        "effort": "ego.steering_command",
+    }
+    study = {"loop": loop | {"parameters": ["ego.driver.damping"]}, "test": {"duration": 3.0}}
+    failed = LoopEvaluator(make_loop_spec(make_tuning(study)))({"ego.driver.damping": 1.0})
+    assert failed.status == "failed"
+    assert (
+        "the loop is open at 0.5 s, where it is linearised: 'ego.steering_command' is at a limit there" in failed.reason
+    )
+    later = make_loop_spec(make_tuning(study | {"test": {"duration": 4.0, "step_time": 2.0}}))
+    assert 1.0 < LoopEvaluator(later)({"ego.driver.damping": 1.0}).figures["ms"] < 10.0
+
+
 @pytest.fixture(scope="module")
 def path():
     return make_loop_spec(make_tuning({"vehicle": "bolt", "loop": "path", "test": {"duration": 6.0}}))

@@ -28,7 +28,7 @@ from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.reduced import find_loop_margins
 from mirdrake.tuning.loops.registry import make_loop_spec
-from mirdrake.tuning.models import Integrator
+from mirdrake.tuning.models import FirstOrder
 from mirdrake.tuning.robustness import MonteCarlo
 from mirdrake.tuning.selection import Verification
 from mirdrake.tuning.spec import load_tuning, make_tuning
@@ -129,8 +129,12 @@ def test_a_loop_of_a_diagram(tmp_path: Path) -> None:
     ranges = {name: {"low": 0.5, "high": 2.0} for name in PARAMETERS}
     study = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
     result = tune(study, out=tmp_path / "out")
-    assert set(result.candidate().gains) == set(PARAMETERS)
-    assert (result.candidate().cost or 9.0) <= (result.candidate("baseline").cost or 0.0)
+    best, baseline = result.candidate(), result.candidate("baseline")
+    assert set(best.gains) == set(PARAMETERS)
+    # The present gains cost less, but overshoot by more than the study allows.
+    assert best.feasible
+    assert not baseline.feasible
+    assert [reason.figure for reason in baseline.rejections] == ["overshoot_percent"]
 
 
 @pytest.mark.slow
@@ -183,7 +187,7 @@ def test_a_schedule_that_does_not_increase_or_is_not_possible_is_rejected() -> N
 
 @pytest.mark.slow
 def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path) -> None:
-    """Gains with a delay margin of 0.17 s for both wheels together oscillate with 0.05 s more: against each other.
+    """Gains with a delay margin of 0.45 s for both wheels together oscillate with 0.37 s more: against each other.
 
     On a Unior without its steering motors, whose kingpins carry only knuckle and wheel.
     """
@@ -197,13 +201,13 @@ def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path)
     spec.vehicle = str(bare)
     loop = make_loop_spec(spec)
     identification = identify_loop(plant_bench(loop)).loop
-    gains = {"kp": 0.1134, "ki": 0.0314, "kd": 0.024}
-    together = make_only(identification, "main")
-    assert find_loop_margins(together, gains)["delay_margin_s"] > 0.1
-    assert find_loop_margins(identification, gains)["delay_margin_s"] < 0.05
+    gains = {"kp": 1.0, "ki": 5.0, "kd": 0.0}
+    together = find_loop_margins(make_only(identification, "main"), gains)["delay_margin_s"]
+    margin = find_loop_margins(identification, gains)["delay_margin_s"]
+    assert 1.5 * margin < together
     evaluate = LoopEvaluator(identification)
-    assert evaluate(gains).status == "ok"
-    assert evaluate(gains, Conditions(delay=0.1)).status == "unstable"
+    delays = [loop.delay + part * margin for part in (0.5, 1.5)]
+    assert [evaluate(gains, Conditions(delay=delay)).status for delay in delays] == ["ok", "unstable"]
 
 
 def make_only(loop: LoopSpec, name: str) -> LoopSpec:
@@ -238,7 +242,7 @@ def test_a_killed_study_resumes_with_the_same_result(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("mass", "radius"), [(1450.0, 0.31), (20.0, 0.1)])
 def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, mass: float, radius: float) -> None:
-    """Its motors make the joint an integrator with a lag: a rule keeps Ms, and gives the same at any step."""
+    """Its motors and the spring of the tyres make the joint a slow first order with a lag; a rule keeps Ms."""
     size = radius / 0.31
     new_vehicle(
         "fresh", wheelbase=2.6 * size, track=1.5 * size, mass=mass, wheel_radius=radius, wheel_width=0.2 * size,
@@ -248,19 +252,20 @@ def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, ma
         make_tuning({"vehicle": str(tmp_path / "fresh"), "loop": "steering", "test": {"duration": 3}})
     )
     identification = identify_loop(plant_bench(loop))
-    assert isinstance(identification.first, Integrator)
-    assert identification.lag == pytest.approx(0.024, rel=0.2)
+    assert isinstance(identification.first, FirstOrder)
+    assert identification.first.time_constant > 20.0 * identification.lag
+    # The motors alone have 0.024 s.
+    assert 0.02 < identification.lag < 0.04
     rule = next(
         candidate
         for candidate in make_designs(identification, max_sensitivity=1.4)[0]
-        if candidate.name == "SIMC lag PD 2"
+        if candidate.name == "SIMC lag 2"
     )
     usual, fine = (
         LoopEvaluator(loop)(rule.gains).figures
         for loop in (identification.loop, at_finer_step(at_finer_step(identification.loop)))
     )
     assert usual["ms"] < 1.6
-    assert usual["overshoot_percent"] < 5.0
     assert fine["iae"] == pytest.approx(usual["iae"], rel=0.01)
 
 

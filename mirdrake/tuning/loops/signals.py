@@ -244,7 +244,11 @@ class SignalBench:
         return cut_loop(self.assembly, self.spec.effort)
 
     def open_loops(self, gains: Mapping[str, float]) -> list[OpenLoop]:
-        """Return the open loop with gains at the operating point, just before the step; none if it cannot be cut."""
+        """Return the open loop with gains at the operating point, just before the step; none if it cannot be cut.
+
+        Raises:
+            ConfigError: the effort does not respond at the operating point.
+        """
         if self.cut is None:
             return []
         setters = self._setters if self.cut.assembly is self.assembly else find_setters(self.cut.assembly)
@@ -260,7 +264,14 @@ class SignalBench:
             if not is_divergence(str(error)):
                 raise
             return []
-        return [(response, *self.cut.frequencies)]
+        # A loop without a response would have every margin.
+        low, high = self.cut.frequencies
+        if not np.abs(response(np.geomspace(low, high, 50))).any():
+            raise ConfigError(
+                f"the loop is open at {self.operating_time:g} s, where it is linearised: '{self.spec.effort}' is at a "
+                "limit there, or the vehicle stands still; write another test: {step_time: ...}"
+            )
+        return [(response, low, high)]
 
     @property
     def operating_time(self) -> float:
