@@ -1,7 +1,8 @@
-"""Forces of a suspension that Drake has no element for: anti-roll bars, bump stops and the geometry of the arms.
+"""Forces of a suspension that Drake has no element for: anti-roll bars and bump stops.
 
-Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`). What follows here is applied as
-generalised forces on the joints of the wheel travels z, which are positive in bump.
+Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`), and forces of the arms are part of
+the tyre forces (:mod:`mirdrake.plant.wheels.arms`). What follows here is applied as generalised forces on the joints of
+the wheel travels z, which are positive in bump.
 
 **Anti-roll bar**: a torsion spring between the wheels of an axle, with the stiffness k,
 
@@ -11,18 +12,6 @@ A roll angle φ of the body makes z_left - z_right = T φ over the track T, so a
 stiffness; the two springs c contribute c T² / 2.
 
 **Bump stop**: F = -c (z - z0) beyond the travel z0.
-
-**Arms.** The joints are vertical, while real arms move the contact point sideways and along the car as well. By virtual
-work, the forces of the road then act on the travel too,
-
-    F = Fy dy/dz + Fx dx/dz.
-
-Seen from behind, the contact point moves at right angles to the line to the roll centre at the height h:
-dy/dz = 2 h / T at a left wheel, -2 h / T at a right one. So the arms transmit Fy h / T of an axle's load transfer
-without delay, and springs and bars the rest (Milliken, Race Car Vehicle Dynamics, chapters 17 and 18). Seen from the
-side, dx/dz is the slope of the line from the contact point (braking) or wheel centre (driving) to the instant centre;
-it is given as ``anti_brake`` and ``anti_drive``, positive where it supports the body. With the share p of the axle in
-the force, the wheelbase L and the height H of the centre of mass, an axle has p L / H times this of "anti-dive".
 """
 
 import math
@@ -32,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, PassThrough, Saturation
+from pydrake.systems.primitives import AffineSystem, MatrixGain, Saturation
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.vehicles import WHEELS
 
 Array = npt.NDArray[np.float64]
 
@@ -114,60 +103,6 @@ def make_bump_stops(plant: MultibodyPlant, part: VehicleInPlant) -> Diagram | No
     builder.Connect(beyond.get_output_port(), force.get_input_port())
     builder.ExportInput(travel.get_input_port(), "state")
     builder.ExportOutput(force.get_output_port(), "generalized_force")
-    return builder.Build()
-
-
-def arms_transmit(vehicle: Vehicle) -> bool:
-    """Return whether the arms of a vehicle's suspension transmit forces of the road to its body."""
-    springs = vehicle.spec.suspension
-    return springs is not None and any(
-        (axle.roll_centre, axle.anti_brake, axle.anti_drive) != (0.0, 0.0, 0.0) for axle in springs.corners()
-    )
-
-
-def make_arms(plant: MultibodyPlant, part: VehicleInPlant, *, forces: int) -> Diagram:
-    """Return the forces that arms transmit to the body, from those of the road.
-
-    Input port: tyre_forces, of each wheel Fx and Fy [N] first. Output port: generalized_force [N, N m].
-
-    Args:
-        plant: finalised plant.
-        part: the vehicle.
-        forces: number of elements of the port of tyre forces, the same for each wheel.
-    """
-    springs, geometry = part.vehicle.spec.suspension, part.vehicle.geometry
-    assert springs is not None
-    tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
-    sides, ends = (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
-    corners = springs.corners()
-    lateral = [side * 2.0 * axle.roll_centre / track for axle, track, side in zip(corners, tracks, sides, strict=True)]
-    # A braking force is negative: on the front axle it must press the wheel down, away from the body.
-    brake = [end * axle.anti_brake for axle, end in zip(corners, ends, strict=True)]
-    drive = [end * axle.anti_drive for axle, end in zip(corners, ends, strict=True)]
-    each, rows = forces // len(WHEELS), _rows(plant, part)
-    pick_x, pick_y = np.zeros((len(WHEELS), forces)), np.zeros((len(WHEELS), forces))
-    for index in range(len(WHEELS)):
-        pick_x[index, index * each] = pick_y[index, index * each + 1] = 1.0
-    builder = DiagramBuilder()
-    # A fanout, so that one exported input feeds all paths.
-    road = builder.AddNamedSystem("tyre_forces", PassThrough(forces))
-    total = builder.AddNamedSystem("total", Adder(3, plant.num_velocities()))
-    sideways = builder.AddNamedSystem("sideways", MatrixGain(rows * lateral @ pick_y))
-    builder.Connect(road.get_output_port(), sideways.get_input_port())
-    builder.Connect(sideways.get_output_port(), total.get_input_port(0))
-    along = builder.AddNamedSystem("along", MatrixGain(pick_x))
-    builder.Connect(road.get_output_port(), along.get_input_port())
-    unlimited, none = np.full(len(WHEELS), math.inf), np.zeros(len(WHEELS))
-    for index, (name, slopes, low, high) in enumerate(
-        (("brake", brake, -unlimited, none), ("drive", drive, none, unlimited)), start=1
-    ):
-        part_of = builder.AddNamedSystem(f"{name}_force", Saturation(low, high))
-        slope = builder.AddNamedSystem(name, MatrixGain(rows * slopes))
-        builder.Connect(along.get_output_port(), part_of.get_input_port())
-        builder.Connect(part_of.get_output_port(), slope.get_input_port())
-        builder.Connect(slope.get_output_port(), total.get_input_port(index))
-    builder.ExportInput(road.get_input_port(), "tyre_forces")
-    builder.ExportOutput(total.get_output_port(), "generalized_force")
     return builder.Build()
 
 

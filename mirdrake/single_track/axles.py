@@ -3,8 +3,9 @@
 The lateral force of an axle depends on more than the slip angle of its wheels: the wheels have camber when the body
 rolls, load is transferred to the outer wheel, the aligning moments of all tyres act on the vehicle, and the steering
 is compliant. In a steady turn all of this is proportional to the lateral acceleration, and thus to the force of the
-axle. It can be expressed as slip of the axle (H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 1.3.1). With
-the roll angle φ, the moments' sum M and the wheelbase L, in a turn to the left of acceleration a_y::
+axle. It can be expressed as slip of the axle (H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 1.3.1); toe
+and camber of the wheels by their travel are a part of it. With the roll angle φ, the moments' sum M and the wheelbase
+L, in a turn to the left of acceleration a_y::
 
     φ (K_f + K_r - m g h) = m h a_y,           ΔN_i = K_i φ / t_i
     F_f L = m a_y b - M,                       F_r L = m a_y a + M
@@ -26,6 +27,7 @@ from typing import NamedTuple
 from scipy.optimize import brentq
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.plant.wheels.arms import NO_ARMS, ArmMotion, arm_motion, make_arms
 from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION
 from mirdrake.tyres import SlipTyres, TyreLaw
 from mirdrake.vehicles import Vehicle
@@ -114,6 +116,7 @@ def find_axles(
     shares = (body.rear / length, body.front / length)
     # A turn to the left: positive lateral acceleration and force; the body rolls to the right.
     angle, transfers = _roll(vehicle, body, shares, LATERAL)
+    rolled, at_rest = (_arms(vehicle, body, roll) for roll in (angle, 0.0))
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
     forces = [body.mass * LATERAL * share for share in shares]
     slips, upright, moments = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
@@ -127,8 +130,11 @@ def find_axles(
             # Both wheels of an axle share one slip angle, with the outer one loaded and the inner one unloaded by the
             # transfer.
             cambered, upright_wheels = (
-                [_wheel(law, loads[i] + sign * transfers[i], inclination, ground) for sign in (1.0, -1.0)]
-                for inclination in (angle, 0.0)
+                [
+                    _wheel(law, loads[i] + sign * transfers[i], lean + arm.lean, arm.toe, ground)
+                    for sign, arm in zip((1.0, -1.0), arms, strict=True)
+                ]
+                for lean, arms in ((angle, rolled[i]), (0.0, at_rest[i]))
             )
             slips[i], upright[i] = _slip(cambered, force), _slip(upright_wheels, force)
             # The aligning moments of the wheels as they are, with camber, enter the next iteration.
@@ -162,13 +168,37 @@ def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], force: float
     return float(brentq(lambda slip: sum(wheel(slip)[0] for wheel in wheels) - force, -_MAX_SLIP, _MAX_SLIP))
 
 
-def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Callable[[float], tuple[float, float]]:
-    """Return a function: slip angle of a wheel [rad] to lateral force [N] and aligning moment [N m]."""
+def _arms(vehicle: Vehicle, body: Body, roll: float) -> list[tuple[ArmMotion, ArmMotion]]:
+    """Return the displacements of the outer and the inner wheel of each axle by its arms, in a turn to the left.
+
+    Args:
+        vehicle: the vehicle.
+        body: its mass and lengths.
+        roll: roll angle [rad].
+    """
+    arms, springs, geometry = make_arms(vehicle), vehicle.spec.suspension, vehicle.geometry
+    if springs is None:
+        return [(arm_motion(NO_ARMS, 0.0),) * 2] * 2
+    result = []
+    stiffness = find_roll_stiffness(vehicle, body).stiffness
+    for i, (axle, track) in enumerate(
+        zip((springs.front, springs.rear), (geometry.front_track, geometry.rear_track), strict=True)
+    ):
+        # The springs of an axle roll by their part of the compliance; the outer wheel, the right one, is in bump.
+        travel = 0.5 * track * roll * stiffness[i] / ((0.5 * axle.stiffness + axle.anti_roll) * track**2)
+        result.append((arm_motion(arms[2 * i + 1], travel), arm_motion(arms[2 * i], -travel)))
+    return result
+
+
+def _wheel(
+    law: TyreLaw, load: float, inclination: float, toe: float, ground: float
+) -> Callable[[float], tuple[float, float]]:
+    """Return a function: slip angle of an axle [rad] to lateral force [N] and aligning moment [N m] of a wheel."""
     # A lifted inner wheel keeps 1 N, since tyre laws divide by the load.
     tyre = law(max(load, 1.0), inclination, ground)
 
     def forces(slip: float) -> tuple[float, float]:
-        _, side, moment = tyre.forces(0.0, math.tan(slip), _SPEED)
+        _, side, moment = tyre.forces(0.0, math.tan(slip - toe), _SPEED)
         return side, moment
 
     return forces

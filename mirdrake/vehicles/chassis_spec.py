@@ -3,9 +3,12 @@
 Their force laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.plant.aerodynamics`.
 """
 
-from pydantic import Field
+from itertools import pairwise
+from typing import Annotated, Any
 
-from mirdrake.core.yaml_io import Length, Schema
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from mirdrake.core.yaml_io import Angle, Length, Schema
 
 # --- suspension --------------------------------------------------------------------------------------------------
 
@@ -34,8 +37,45 @@ class BumpStop(Schema):
     stiffness: float = Field(gt=0, description="[N/m] stiffness of the stop: force over further travel")
 
 
+MAX_TRAVELS = 16
+"""Largest number of different wheel travels in the tables of an axle."""
+
+
+def _as_table(value: Any) -> Any:
+    """Return a single number, or text with a unit, as a table with one row, which is constant."""
+    return value if isinstance(value, list | tuple) else [(0.0, value)]
+
+
+def _ascending(rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    if any(late[0] <= early[0] for early, late in pairwise(rows)):
+        raise ValueError("needs rows (travel, value) with ascending travel")
+    return rows
+
+
+Travel = Annotated[Length, Field(ge=-0.5, le=0.5)]
+Lean = Annotated[Angle, Field(ge=-0.3, le=0.3)]
+AngleOverTravel = Annotated[
+    list[tuple[Travel, Lean]],
+    BeforeValidator(_as_table, json_schema_input_type=float | str | list[tuple[float | str, float | str]]),
+    AfterValidator(_ascending),
+]
+HeightOverTravel = Annotated[
+    list[tuple[Travel, Annotated[Length, Field(gt=-0.5, lt=1.0)]]],
+    BeforeValidator(_as_table, json_schema_input_type=float | str | list[tuple[float | str, float | str]]),
+    AfterValidator(_ascending),
+]
+SlopeOverTravel = Annotated[
+    list[tuple[Travel, Annotated[float, Field(gt=-1, lt=1)]]],
+    BeforeValidator(_as_table, json_schema_input_type=float | list[tuple[float | str, float]]),
+    AfterValidator(_ascending),
+]
+
+
 class AxleSuspension(Schema):
-    """Springs, dampers, anti-roll bar and geometry of an axle, all referred to the wheel."""
+    """Springs, dampers, anti-roll bar and geometry of an axle, all referred to the wheel.
+
+    Each quantity of the geometry is a number, or a table of rows (wheel travel, value).
+    """
 
     stiffness: float = Field(gt=0, description="[N/m] stiffness of one spring: force over wheel travel")
     damping: float = Field(ge=0, description="[N s/m] damping of one damper: force over velocity of the wheel travel")
@@ -44,24 +84,37 @@ class AxleSuspension(Schema):
         ge=0,
         description="[N/m] force of the anti-roll bar on each wheel over the difference of wheel travel",
     )
-    roll_centre: Length = Field(
-        default=0.0, gt=-0.5, lt=1.0, description="[m] height of the roll centre of the axle above the road"
+    camber: AngleOverTravel = Field(
+        default_factory=list, description="[rad] camber angle over wheel travel [m], positive if the top is outwards"
     )
-    anti_brake: float = Field(
-        default=0.0,
-        gt=-1,
-        lt=1,
-        description="[1] part of the braking force of a wheel that its arms take as a vertical force: positive reduces "
-        "the dive of the front axle, and the lift of the rear axle",
+    toe: AngleOverTravel = Field(
+        default_factory=list, description="[rad] toe angle of a wheel over wheel travel [m], positive for toe-in"
     )
-    anti_drive: float = Field(
-        default=0.0,
-        gt=-1,
-        lt=1,
-        description="[1] the same of the driving force: positive reduces the lift of the front axle, and the squat of "
-        "the rear axle",
+    roll_centre: HeightOverTravel = Field(
+        default_factory=list, description="[m] height of the roll centre of the axle above the road, over travel [m]"
+    )
+    anti_brake: SlopeOverTravel = Field(
+        default_factory=list,
+        description="[1] part of the braking force of a wheel that its arms take as a vertical force, over travel [m]: "
+        "positive reduces the dive of the front axle, and the lift of the rear axle",
+    )
+    anti_drive: SlopeOverTravel = Field(
+        default_factory=list,
+        description="[1] the same of forces that the brake does not cause, those of the motor among them: positive "
+        "reduces the lift of the front axle, and the squat of the rear axle",
     )
     bump_stop: BumpStop | None = Field(default=None, description="null: only the end stops, the limits of the joints")
+
+    @model_validator(mode="after")
+    def _few_travels(self) -> "AxleSuspension":
+        tables = (self.camber, self.toe, self.roll_centre, self.anti_brake, self.anti_drive)
+        count = len({travel for table in tables for travel, _ in table})
+        if count > MAX_TRAVELS:
+            raise ValueError(
+                f"the tables of an axle have {count} different travels, but at most {MAX_TRAVELS} are allowed; "
+                "use the same travels in all tables"
+            )
+        return self
 
 
 class Suspension(Schema):

@@ -10,7 +10,7 @@ from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import signals_of
 from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces
 from mirdrake.plant.plant import PlantParts
-from mirdrake.plant.suspension import arms_transmit, make_anti_roll, make_arms, make_bump_stops
+from mirdrake.plant.suspension import make_anti_roll, make_bump_stops
 from mirdrake.plant.wheels import LOAD_PERIOD, GroundTyres, TyreSystem, WheelReadings, WheelTyres
 
 
@@ -70,11 +70,6 @@ def add_outer_forces(wiring: Wiring, parts: PlantParts, tyres: Mapping[str, Tyre
             wiring.add(f"{name}.bump_stops", stops)
             wiring.link(plant.get_state_output_port(part.instance), stops.get_input_port())
             forces.append(stops.get_output_port())
-        if arms_transmit(part.vehicle):
-            arms = make_arms(plant, part, forces=tyres[name].tyre_forces.size())
-            wiring.add(f"{name}.suspension_arms", arms)
-            wiring.link(tyres[name].tyre_forces, arms.get_input_port())
-            forces.append(arms.get_output_port())
         if has_air_forces(part, spec.plant.air_density):
             gusts = [Gust(one.velocity, one.start, one.duration, one.rise) for one in spec.plant.gusts]
             air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind, gusts=gusts)

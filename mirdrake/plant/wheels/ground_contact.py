@@ -20,6 +20,7 @@ from math import acos, asin, cos, sin, sqrt
 from typing import NamedTuple
 
 from mirdrake.ground.layers import TerrainData, ground_at
+from mirdrake.plant.wheels.arms import arm_motion
 from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
@@ -50,6 +51,9 @@ class GroundContact(NamedTuple):
         turn: angular velocity of the wheel carrier about the normal [rad/s].
         rolling: effective rolling radius [m].
         spin: spin of the wheel, relative to its carrier [rad/s].
+        path: derivative of the contact centre by the travel (3) [1].
+        braked: see :class:`mirdrake.plant.wheels.motion.WheelMotion`.
+        toe: the same.
     """
 
     deflection: float
@@ -67,9 +71,12 @@ class GroundContact(NamedTuple):
     turn: float
     rolling: float
     spin: float
+    path: tuple[float, float, float]
+    braked: float
+    toe: float
 
 
-CONTACT_SIZE = 29
+CONTACT_SIZE = 34
 """Numbers of a :class:`GroundContact`."""
 
 
@@ -80,7 +87,8 @@ def pack_contact(row: MutableSequence[float], contact: GroundContact) -> None:
     for i in range(3):
         row[8 + i], row[11 + i], row[14 + i] = contact.axle[i], contact.up[i], contact.ahead[i]
         row[17 + i], row[20 + i] = contact.left[i], contact.normal[i]
-        row[23 + i], row[26 + i] = contact.arm_base[i], contact.arm_pivot[i]
+        row[23 + i], row[26 + i], row[29 + i] = contact.arm_base[i], contact.arm_pivot[i], contact.path[i]
+    row[32], row[33] = contact.braked, contact.toe
 
 
 def unpack_contact(row: Sequence[float]) -> GroundContact:
@@ -102,6 +110,9 @@ def unpack_contact(row: Sequence[float]) -> GroundContact:
         row[5],
         row[6],
         row[7],
+        (row[29], row[30], row[31]),
+        row[32],
+        row[33],
     )
 
 
@@ -147,17 +158,22 @@ def ground_contact(
     bx, by, bz = base.place
     wx, wy, wz = base.turning
     # Wheels without a steering or suspension joint keep these values.
-    sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
+    angle, rate, travel, rise = 0.0, 0.0, 0.0, 0.0
     if wheel.steering[0] >= 0:
         angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
-        sine, cosine = sin(angle), cos(angle)
     if wheel.suspension[0] >= 0:
         travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
+    arm = arm_motion(wheel.arms, travel)
+    angle += arm.toe
+    upright, lean = cos(arm.lean), sin(arm.lean)
+    sine, cosine = upright * sin(angle), upright * cos(angle)
 
-    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, 0).
-    px, py, pz = wheel.pivot[0], wheel.pivot[1], wheel.pivot[2] + travel
+    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, lean).
+    px, py, pz = wheel.pivot[0] + arm.x, wheel.pivot[1] + arm.y, wheel.pivot[2] + travel
     kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
-    ax, ay, az = xy * cosine - xx * sine, yy * cosine - yx * sine, zy * cosine - zx * sine
+    ax = xy * cosine - xx * sine + xz * lean
+    ay = yy * cosine - yx * sine + yz * lean
+    az = zy * cosine - zx * sine + zz * lean
     cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
 
     # The effective plane; e is horizontal ahead in the disc, u upwards in it.
@@ -181,12 +197,22 @@ def ground_contact(
     # Velocity of the contact centre, carried by base, suspension and steering; that of the wheel centre.
     rx, ry, rz = sx - bx, sy - by, sz - bz
     qx, qy, qz = sx - kx, sy - ky, sz - kz
-    vx = base.velocity[0] + wy * rz - wz * ry + rise * xz + rate * (yz * qz - zz * qy)
-    vy = base.velocity[1] + wz * rx - wx * rz + rise * yz + rate * (zz * qx - xz * qz)
-    vz = base.velocity[2] + wx * ry - wy * rx + rise * zz + rate * (xz * qy - yz * qx)
-    ox, oy, oz = wx + rate * xz, wy + rate * yz, wz + rate * zz  # angular velocity of the wheel carrier
+    path = (
+        xz + arm.x_rate * xx + arm.y_rate * xy,
+        yz + arm.x_rate * yx + arm.y_rate * yy,
+        zz + arm.x_rate * zx + arm.y_rate * zy,
+    )
+    vx = base.velocity[0] + wy * rz - wz * ry + rise * path[0] + rate * (yz * qz - zz * qy)
+    vy = base.velocity[1] + wz * rx - wx * rz + rise * path[1] + rate * (zz * qx - xz * qz)
+    vz = base.velocity[2] + wx * ry - wy * rx + rise * path[2] + rate * (xz * qy - yz * qx)
+    # Angular velocity of the wheel carrier; camber turns it about the x axis of the wheel.
+    yawing, leaning = rate + arm.toe_rate * rise, arm.lean_rate * rise
+    ox = wx + yawing * xz + leaning * (cosine * xx + sine * xy)
+    oy = wy + yawing * yz + leaning * (cosine * yx + sine * yy)
+    oz = wz + yawing * zz + leaning * (cosine * zx + sine * zy)
     mx, my, mz = loaded * ix, loaded * iy, loaded * iz  # from the contact centre to the wheel centre
     dx, dy, dz = vx + oy * mz - oz * my, vy + oz * mx - ox * mz, vz + ox * my - oy * mx
+    rolling = wheel.rolling if wheel.rolling > 0.0 else loaded
     return GroundContact(
         plane.deflection,
         -(dx * ix + dy * iy + dz * iz),
@@ -201,8 +227,11 @@ def ground_contact(
         vx * tx + vy * ty + vz * tz,
         vx * lx + vy * ly + vz * lz,
         ox * nx + oy * ny + oz * nz,
-        wheel.rolling if wheel.rolling > 0.0 else loaded,
+        rolling,
         x[positions + wheel.spin],
+        path,
+        (arm.brake_rate - arm.x_rate) / rolling,
+        arm.toe_rate,
     )
 
 
@@ -345,6 +374,7 @@ def add_ground_force(
     mz: float,
     resistance: float,
     turn: float,
+    brake: float,
 ) -> None:
     """Add force and moment of the ground on a wheel to generalised forces.
 
@@ -356,6 +386,7 @@ def add_ground_force(
         mz: moment about the normal [N m].
         resistance: moment about the axle [N m], of which the carrier bears nothing.
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
+        brake: torque of the brake on the spin [N m].
     """
     fx, fy, fz = forces
     # Force in the world. Its rotation by half a step is for the vehicle; the spin below takes the unrotated Fx.
@@ -373,14 +404,17 @@ def add_ground_force(
     force[base + 5] += z
     force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * forces[0] + resistance
 
-    # Steering joint: moment about its axis, at the kingpin. Suspension: force along the same direction, z of B.
+    # Steering joint: moment about its axis, at the kingpin. Suspension: force along the path of the wheel, and moments
+    # that turn the wheel carrier with the travel.
     kx, ky, kz = contact.up
     if wheel.steering[0] >= 0:
         qx, qy, qz = contact.arm_pivot
         mx, my, mzz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
         force[wheel.steering[1]] += kx * mx + ky * my + kz * mzz
     if wheel.suspension[0] >= 0:
-        force[wheel.suspension[1]] += kx * x + ky * y + kz * z
+        dx, dy, dz = contact.path
+        force[wheel.suspension[1]] += dx * x + dy * y + dz * z
+        force[wheel.suspension[1]] += contact.braked * brake + contact.toe * mz * (kx * nx + ky * ny + kz * nz)
 
 
 CONTACT_PARTS = (

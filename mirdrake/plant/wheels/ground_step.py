@@ -218,6 +218,7 @@ def ground_step(
             mz + moment,
             resistance,
             0.5 * period * base.turning[2],
+            torque - drive,
         )
         force[wheel.place.spin] += torque - effort
 

@@ -2,7 +2,8 @@
 
 Both use the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle frame B,
 steering angle about the same direction, spin about the axle. This is faster than a query of the plant and needs no
-Context. :mod:`mirdrake.core.compiled` compiles the functions, hence indices instead of unpacking.
+Context. :mod:`mirdrake.core.compiled` compiles the functions, hence indices instead of unpacking. The arms of a
+suspension (:mod:`mirdrake.plant.wheels.arms`) add toe, camber and a path of the contact point to the travel.
 
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
@@ -18,6 +19,7 @@ from math import asin, cos, hypot, sin
 from typing import NamedTuple
 
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.plant.wheels.arms import ARM_PARTS, NO_ARMS, Arms, arm_motion, make_arms
 from mirdrake.tyres import SlipTyres
 
 _FLAT = 1e-3  # smallest cosine of the inclination: a wheel on its side has no rolling direction
@@ -42,6 +44,7 @@ class WheelPlace(NamedTuple):
         suspension: its suspension joint, along z of B, or :data:`NO_JOINT`.
         base: its vehicle's floating base.
         rolling: effective rolling radius of a tyre with slip [m]; zero: the distance of centre and contact centre.
+        arms: arms of its suspension.
     """
 
     pivot: tuple[float, float, float]
@@ -51,6 +54,7 @@ class WheelPlace(NamedTuple):
     suspension: Index
     base: Index
     rolling: float = 0.0
+    arms: Arms = NO_ARMS
 
 
 def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
@@ -76,9 +80,10 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
             NO_JOINT if travel is None else (travel.position_start(), travel.velocity_start()),
             base,
             effective,
+            NO_ARMS if travel is None else arms,
         )
-        for (pivot, offset), wheel, steered, travel, effective in zip(
-            places, part.wheels, steering, travels, rolling, strict=True
+        for (pivot, offset), wheel, steered, travel, effective, arms in zip(
+            places, part.wheels, steering, travels, rolling, make_arms(part.vehicle), strict=True
         )
     ]
 
@@ -104,6 +109,9 @@ class WheelMotion(NamedTuple):
         spin: ω about the axle, relative to the wheel carrier [rad/s].
         sink: speed of the wheel centre downwards [m/s].
         turn: angular velocity of the wheel carrier about the vertical [rad/s].
+        path: derivative of the contact centre by the travel (3) [1].
+        braked: rotation of the wheel carrier about the axle by the travel, as a brake sees it [rad/m].
+        toe: derivative of the steering angle by the travel [rad/m].
     """
 
     x: float
@@ -123,6 +131,9 @@ class WheelMotion(NamedTuple):
     spin: float
     sink: float
     turn: float
+    path: tuple[float, float, float]
+    braked: float
+    toe: float
 
 
 class BaseMotion(NamedTuple):
@@ -159,17 +170,22 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     bx, by, bz = base.place
     wx, wy, wz = base.turning
-    sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
+    angle, rate, travel, rise = 0.0, 0.0, 0.0, 0.0
     if wheel.steering[0] >= 0:
         angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
-        sine, cosine = sin(angle), cos(angle)
     if wheel.suspension[0] >= 0:
         travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
+    arm = arm_motion(wheel.arms, travel)
+    angle += arm.toe
+    upright, lean = cos(arm.lean), sin(arm.lean)
+    sine, cosine = upright * sin(angle), upright * cos(angle)
 
-    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, 0).
-    px, py, pz = wheel.pivot[0], wheel.pivot[1], wheel.pivot[2] + travel
+    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, lean).
+    px, py, pz = wheel.pivot[0] + arm.x, wheel.pivot[1] + arm.y, wheel.pivot[2] + travel
     kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
-    ax, ay, az = xy * cosine - xx * sine, yy * cosine - yx * sine, zy * cosine - zx * sine
+    ax = xy * cosine - xx * sine + xz * lean
+    ay = yy * cosine - yx * sine + yz * lean
+    az = zy * cosine - zx * sine + zz * lean
     cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
 
     # Contact centre: from the wheel centre down the wheel plane.
@@ -182,8 +198,13 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     # Its velocity, carried by base, suspension and steering.
     rx, ry, rz = sx - bx, sy - by, -bz
     ex, ey, ez = sx - kx, sy - ky, -kz
-    vx = base.velocity[0] + wy * rz - wz * ry + rise * xz + rate * (yz * ez - zz * ey)
-    vy = base.velocity[1] + wz * rx - wx * rz + rise * yz + rate * (zz * ex - xz * ez)
+    path = (
+        xz + arm.x_rate * xx + arm.y_rate * xy,
+        yz + arm.x_rate * yx + arm.y_rate * yy,
+        zz + arm.x_rate * zx + arm.y_rate * zy,
+    )
+    vx = base.velocity[0] + wy * rz - wz * ry + rise * path[0] + rate * (yz * ez - zz * ey)
+    vy = base.velocity[1] + wz * rx - wx * rz + rise * path[1] + rate * (zz * ex - xz * ez)
     ahead = vx * along - vy * across
     rolling = wheel.rolling if wheel.rolling > 0.0 else radius
     spin = x[positions + wheel.spin]
@@ -205,7 +226,10 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
         spin,
         # Velocity of the wheel centre downwards, that of the suspension included.
         wy * (cx - bx) - wx * (cy - by) - base.velocity[2] - rise * zz,
-        wz + rate * zz,
+        wz + (rate + arm.toe_rate * rise) * zz,
+        path,
+        (arm.brake_rate - arm.x_rate) / rolling,
+        arm.toe_rate,
     )
 
 
@@ -219,6 +243,7 @@ def add_road_force(
     fz: float = 0.0,
     turn: float = 0.0,
     resistance: float = 0.0,
+    brake: float = 0.0,
 ) -> None:
     """Add a force of the road on a wheel to generalised forces.
 
@@ -232,6 +257,7 @@ def add_road_force(
         fz: force upwards, beyond that of the plant's contact [N].
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
         resistance: moment about the axle [N m], of which the carrier bears nothing.
+        brake: torque of the brake on the spin [N m].
     """
     along, minus_across = motion.ahead
     # Force in the world, rotated to the middle of the step; the spin below takes the unrotated Fx.
@@ -253,8 +279,10 @@ def add_road_force(
         ex, ey, ez = motion.arm_pivot
         force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
     if wheel.suspension[0] >= 0:
-        force[wheel.suspension[1]] += kx * x + ky * y + kz * fz
+        # The wheel travels along its path; brake and aligning moment turn the wheel carrier with the travel.
+        dx, dy, dz = motion.path
+        force[wheel.suspension[1]] += dx * x + dy * y + dz * fz + motion.braked * brake + motion.toe * kz * mz
 
 
-STEP_PARTS = (base_motion, wheel_motion, add_road_force)
+STEP_PARTS = (*ARM_PARTS, base_motion, wheel_motion, add_road_force)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

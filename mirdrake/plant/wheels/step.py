@@ -289,6 +289,7 @@ def tyre_step(
             load - ratio * sprung,
             0.5 * period * base.turning[2],
             resistance,
+            torque - drive,
         )
         force[wheel.place.spin] += torque - effort
         kept.begun, kept.measured, kept.ratio, kept.sprung = 1.0, loads[i], ratio, sprung
