@@ -110,7 +110,7 @@ def test_the_force_on_the_travel_is_the_virtual_work_along_the_path_of_the_conta
         products = []
         for one in (low, high):
             lean, toe = np.tan(one.inclination), np.arctan2(one.ahead[1], one.ahead[0])
-            arm = wheel.arms.radius * lean + wheel.offset * np.cos(one.inclination)
+            arm = wheel.arms.radius * lean + wheel.offset / np.cos(one.inclination)
             across = arm * np.cos(toe) - wheel.arms.radius * np.sin(one.inclination)
             products.append([-arm * np.sin(toe), across])
         expected = np.array(here.path[:2]) + (np.array(products[1]) - products[0]) / (2.0 * step)

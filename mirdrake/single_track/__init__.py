@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mirdrake.single_track.linear import linearize_single_track as linearize_single_track
     from mirdrake.single_track.linear import steady_gain as steady_gain
     from mirdrake.single_track.linear import understeer_gradient as understeer_gradient
+    from mirdrake.single_track.linear import zero_side_slip_ratio as zero_side_slip_ratio
     from mirdrake.single_track.parameters import SingleTrackParameters as SingleTrackParameters
     from mirdrake.single_track.system import SingleTrack as SingleTrack
     from mirdrake.single_track.system import SingleTrack_ as SingleTrack_
@@ -38,6 +39,7 @@ _MODULES = {
     "make_single_track_vehicle": "vehicle",
     "steady_gain": "linear",
     "understeer_gradient": "linear",
+    "zero_side_slip_ratio": "linear",
 }
 
 __all__ = [
@@ -55,6 +57,7 @@ __all__ = [
     "make_single_track_vehicle",
     "steady_gain",
     "understeer_gradient",
+    "zero_side_slip_ratio",
 ]
 
 __getattr__ = defer(__name__, _MODULES)

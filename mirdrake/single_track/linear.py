@@ -204,6 +204,23 @@ def linearize_single_track(
     )
 
 
+def zero_side_slip_ratio(parameters: SingleTrackParameters, speed: float) -> float:
+    """Return the angle of the rear wheels over that of the front wheels without side slip in a steady turn [1].
+
+    With the lengths a and b in front of and behind the centre of mass, the cornering stiffnesses C and the wheelbase L
+    it is (m a v² / (L Cr) - b) / (m b v² / (L Cf) + a): opposite at low and in the same direction at high speed (S.
+    Sano, Y. Furukawa, S. Shiraishi, SAE paper 860625, 1986).
+
+    Args:
+        parameters: parameters of the vehicle.
+        speed: [m/s].
+    """
+    p = parameters
+    pull = p.mass * speed**2 / (p.front_length + p.rear_length)
+    rear = pull * p.front_length / p.rear_stiffness - p.rear_length
+    return rear / (pull * p.rear_length / p.front_stiffness + p.front_length)
+
+
 def understeer_gradient(parameters: SingleTrackParameters) -> float:
     """Return the steering angle per lateral acceleration K [rad s²/m] of linear tyres: δ = L / R + K v² / R.
 

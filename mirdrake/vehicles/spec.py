@@ -6,9 +6,10 @@ Dimensions and masses are not repeated here; they are measured on the kinematics
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from mirdrake.core.errors import did_you_mean
 from mirdrake.core.json_io import Json
@@ -16,13 +17,24 @@ from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Fr
 from mirdrake.tyres import TyreSpec
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints, WheelJoints
 from mirdrake.vehicles.joint_control import JointControl, ServoGains, SteeringControl, WheelSpeedControl
-from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
+from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain, SteeringActuator
 
 Drive = Literal["front", "rear", "all"]
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 # --- vehicle.yaml ------------------------------------------------------------------------------------------------
+
+
+def _constant(value: Any) -> Any:
+    """Return a single number as a table with one row."""
+    return value if isinstance(value, list | tuple) else [(0.0, value)]
+
+
+def _ascending(rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    if not rows or any(late[0] <= early[0] for early, late in pairwise(rows)):
+        raise ValueError("needs rows (speed, ratio) with ascending speed")
+    return rows
 
 
 class SteeringJoints(Schema):
@@ -44,6 +56,21 @@ class Joints(Schema):
     suspension: SuspensionJoints | None = Field(default=None, description="null: rigid axles")
 
 
+class RearSteering(Schema):
+    """Steering of the rear wheels by an actuator, in a ratio to the angle of the front wheels."""
+
+    ratio: Annotated[
+        list[tuple[Annotated[Speed, Field(ge=0)], Annotated[float, Field(ge=-1, le=1)]]],
+        BeforeValidator(_constant, json_schema_input_type=float | list[tuple[float | str, float]]),
+        AfterValidator(_ascending),
+    ] = Field(
+        description="[-] angle of the rear wheels over that of the front wheels, positive in the same direction: a "
+        "number, or a table over the speed [m/s]; linear between its rows"
+    )
+    limit: Angle = Field(default=0.1, gt=0, lt=0.8, description="[rad] largest bicycle angle of the rear axle")
+    actuator: SteeringActuator = Field(default_factory=SteeringActuator, description="its dynamics")
+
+
 class Steering(Schema):
     """Steering geometry: from one steering command to two wheel angles."""
 
@@ -60,6 +87,7 @@ class Steering(Schema):
         default=None, gt=0, description="[rad/s] steering rate limit at the road wheel; null: limit of the joints"
     )
     ratio: float = Field(default=1.0, gt=0, description="[-] steering ratio: hand-wheel angle over road-wheel angle")
+    rear: RearSteering | None = Field(default=None, description="null: the rear wheels are not steered")
 
 
 class VehicleSpec(Schema):

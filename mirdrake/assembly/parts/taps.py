@@ -79,7 +79,15 @@ def add_taps(wiring: Wiring, parts: PlantParts, readings: WheelReadings, spec: D
     # Sensors whose samples are pictures or arrays are recorded elsewhere.
     for name in parts.vehicles:
         sensors = [sensor for sensor in spec.sensors.get(name, ()) if how_recorded(wiring, f"{name}.{sensor}") is None]
-        for port in ("status", "command", "joint_torques", "powertrain_status", "tyre_forces", *sensors):
+        for port in (
+            "status",
+            "command",
+            "joint_torques",
+            "powertrain_status",
+            "tyre_forces",
+            "rear_steering",
+            *sensors,
+        ):
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
 

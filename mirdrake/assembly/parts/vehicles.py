@@ -18,6 +18,7 @@ from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 from mirdrake.plant.powertrain import PEDALS, DifferentialCoupling, Powertrain
+from mirdrake.plant.rear_steering import RearSteering
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.worlds import Start
@@ -73,6 +74,8 @@ def add_vehicle_systems(
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
     powertrain = _add_powertrain(wiring, parts, part, control)
+    if part.vehicle.spec.steering.rear is not None:
+        _add_rear_steering(wiring, parts, part, powertrain)
 
     place = where(spec, "control", name)
     if f"{name}.motion" in wiring.sources:  # a full vehicle among the actors of the world
@@ -152,6 +155,19 @@ def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, con
     for port in (torque, powertrain.powertrain_status):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     return powertrain
+
+
+def _add_rear_steering(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, powertrain: Powertrain | None) -> None:
+    """Add the actuator of the rear steering of a vehicle, for its tyres and its stability control."""
+    name, steering = part.name, RearSteering(parts.plant, part)
+    wiring.add(f"{name}.rear_steering", steering)
+    wiring.link(parts.plant.get_state_output_port(), steering.plant_state)
+    wiring.link(steering.rear_steering, wiring.systems[f"{name}.tyres"].GetInputPort("rear_steering"))
+    if powertrain is not None:
+        wiring.link(steering.rear_steering, powertrain.GetInputPort("rear_steering"))
+    wiring.sinks[f"{name}.rear_steering_reference"] = (steering.reference, signals_of(steering.reference))
+    wiring.sources[f"{name}.rear_steering"] = (steering.rear_steering, signals_of(steering.rear_steering))
+    wiring.name_elements(f"{name}.rear_steering", name)
 
 
 def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:

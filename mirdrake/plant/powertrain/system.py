@@ -47,6 +47,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
     Input ports:
         pedals (3): :data:`PEDALS`.
         plant_state: the plant's state, positions and velocities.
+        rear_steering (4): :data:`mirdrake.plant.rear_steering.REAR_STEERING`, if the vehicle steers its rear wheels.
     Output ports:
         wheel_torque (8) [N m]: :data:`WHEEL_TORQUE`, for the tyres.
         powertrain_status (9): :data:`STATUS`.
@@ -82,6 +83,8 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         self.pedals = declare_vector_input(self, "pedals", PEDALS)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        rear = part.vehicle.spec.steering.rear is not None
+        self._rear = self.DeclareVectorInputPort("rear_steering", 2 * 2) if rear else None
         # Torque and status are states: the plant reads them between the updates.
         self._torque = self.DeclareDiscreteState(len(WHEEL_TORQUE))
         self._status = self.DeclareDiscreteState(len(STATUS))
@@ -107,12 +110,15 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         x = self.plant_state.Eval(context).tolist()
         rates = [x[index] for index in self._spins]
         left, right = (x[index] for index in self._angles)
+        rear = self._rear.Eval(context)[:2].tolist() if self._rear is not None else [0.0, 0.0]
         ahead, aside, yaw_rate = planar_velocity(x[self._quaternion :][:4], x[self._velocity :][:6])
         speeds = []
-        for (along, across), angle in zip(self._places, (left, right, 0.0, 0.0), strict=True):
+        for (along, across), angle in zip(self._places, (left, right, *rear), strict=True):
             # Velocity of the wheel centre (rigid body), along the wheel plane turned by the steering angle.
             speeds.append((ahead - yaw_rate * across) * cos(angle) + (aside + yaw_rate * along) * sin(angle))
-        return Measured(tuple(rates), tuple(speeds), ahead, yaw_rate, 0.5 * (left + right))  # type: ignore[arg-type]
+        # The angle that turns the vehicle is that between the two axles.
+        steering = 0.5 * (left + right) - 0.5 * sum(rear)
+        return Measured(tuple(rates), tuple(speeds), ahead, yaw_rate, steering)  # type: ignore[arg-type]
 
 
 def make_law(plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RATE) -> PowertrainLaw:

@@ -407,7 +407,7 @@ def add_ground_force(
     # Steering joint: moment about its axis, at the kingpin. Suspension: force along the path of the wheel, and moments
     # that turn the wheel carrier with the travel.
     kx, ky, kz = contact.up
-    if wheel.steering[0] >= 0:
+    if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         qx, qy, qz = contact.arm_pivot
         mx, my, mzz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
         force[wheel.steering[1]] += kx * mx + ky * my + kz * mzz

@@ -28,6 +28,9 @@ _LEAST_RADIUS = 1e-3  # [m]
 Index = tuple[int, int]
 """Index of a joint in the plant's positions and in its velocities."""
 
+REAR_WHEELS = ("rear_left", "rear_right")
+"""Wheels with a prescribed steering angle."""
+
 NO_JOINT: Index = (-1, -1)
 """Index of a joint that does not exist."""
 
@@ -40,7 +43,8 @@ class WheelPlace(NamedTuple):
             steered [m]; suspension at rest.
         offset: lateral distance of its centre from there [m].
         spin: index of its spin rate in the plant's generalised velocities.
-        steering: its steering joint, or :data:`NO_JOINT`.
+        steering: its steering joint, or :data:`NO_JOINT`. The indices of a prescribed angle are those behind the state
+            of the plant.
         suspension: its suspension joint, along z of B, or :data:`NO_JOINT`.
         base: its vehicle's floating base.
         rolling: effective rolling radius of a tyre with slip [m]; zero: the distance of centre and contact centre.
@@ -67,6 +71,10 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
     places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
     # Rear wheels have no kingpin, and vehicles without suspension no travel.
     steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), NO_JOINT, NO_JOINT]
+    if part.vehicle.spec.steering.rear is not None:
+        plant = part.base.GetParentPlant()
+        behind, rates = plant.num_multibody_states(), plant.num_velocities() + len(REAR_WHEELS)
+        steering[2:] = [(behind + i, rates + i) for i in range(len(REAR_WHEELS))]
     travels = getattr(part, "suspension", ()) or (None,) * len(places)
     base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
     tyres, radii = part.vehicle.spec.tyres, geometry.wheel_radii
@@ -275,7 +283,7 @@ def add_road_force(
     # Fx has the lever Re about the axle, not the height of the axle; see the head of the module.
     force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx + resistance
     kx, ky, kz = motion.up
-    if wheel.steering[0] >= 0:
+    if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         ex, ey, ez = motion.arm_pivot
         force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
     if wheel.suspension[0] >= 0:

@@ -22,6 +22,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
 from mirdrake.plant.plant import TyreSpring, VehicleInPlant
+from mirdrake.plant.rear_steering import REAR_STEERING
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
@@ -135,7 +136,8 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
     :class:`TyreSystem` are blocks of Drake.
 
     Input ports:
-        given: state of the plant, friction of the ground under each wheel, inputs of the step, memory of the wheels.
+        given: state of the plant, prescribed steering of the rear wheels if they are steered, friction of the ground
+            under each wheel, inputs of the step, memory of the wheels.
         wheel_torque, actuation: as those of :class:`TyreSystem`.
     Output ports:
         solution: generalised forces; memory of the wheels; quantities of :data:`FORCES` of each wheel; torques of the
@@ -168,9 +170,11 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
 
         # Ports. Their vectors are copied to and from arrays of which the arguments of the step are views.
         memory = count * record.itemsize // np.dtype(float).itemsize
-        self.given_sizes = [plant.num_multibody_states(), count, bearing.inputs, memory]
+        rear = len(REAR_STEERING) if part.vehicle.spec.steering.rear is not None else 0
+        self.given_sizes = [plant.num_multibody_states(), rear, count, bearing.inputs, memory]
         self.solution_sizes = [plant.num_velocities(), memory, count * len(FORCES), count, count]
-        self._given, x, self._friction, measured, before = _views(self.given_sizes)
+        self._given, _, _, self._friction, measured, before = _views(self.given_sizes)
+        x = self._given[: plant.num_multibody_states() + rear]
         self._solution, force, self._after, logged, resistances, loads = _views(self.solution_sizes)
         self._after = self._after.view(record)
         self._torques, self._efforts = np.zeros(2 * count), np.zeros(plant.num_actuators(part.instance))
@@ -251,6 +255,7 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
         actuation: torques of the actuators of the vehicle, which the plant applies [N m]; zeros if it is not connected.
+        rear_steering (4): :data:`mirdrake.plant.rear_steering.REAR_STEERING`, if the vehicle steers its rear wheels.
     Output ports:
         generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
         tyre_forces (20): quantities of :data:`FORCES` for each wheel, of the last step.
@@ -286,9 +291,11 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         memory = builder.AddNamedSystem("memory", ZeroOrderHold(plant.time_step(), sum(held)))
         last = builder.AddNamedSystem("last", Demultiplexer(held))
         # A multiplexer has no input without elements.
-        given = builder.AddNamedSystem("given", Multiplexer([size for size in equations.given_sizes if size]))
+        sizes = equations.given_sizes
+        given = builder.AddNamedSystem("given", Multiplexer([size for size in sizes if size]))
+        steered = int(sizes[1] > 0)
 
-        builder.Connect(road.get_output_port(), given.get_input_port(1))
+        builder.Connect(road.get_output_port(), given.get_input_port(1 + steered))
         builder.Connect(last.get_output_port(0), given.get_input_port(given.num_input_ports() - 1))
         builder.Connect(given.get_output_port(), equations.given)
         builder.Connect(equations.solution, split.get_input_port())
@@ -298,7 +305,9 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         builder.ExportInput(equations.wheel_torque, "wheel_torque")
         builder.ExportInput(equations.actuation, "actuation")
         if bearing.inputs:
-            builder.ExportInput(given.get_input_port(2), "bearing")
+            builder.ExportInput(given.get_input_port(2 + steered), "bearing")
+        if steered:
+            builder.ExportInput(given.get_input_port(1), "rear_steering")
         builder.ExportOutput(split.get_output_port(0), "generalized_force")
         for index, name in enumerate(("tyre_forces", "resistance", "wheel_load"), start=1):
             builder.ExportOutput(last.get_output_port(index), name)
