@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydrake.autodiffutils import AutoDiffXd
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces
+from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_on
 from mirdrake.tyres.magic_formula import TyreForces, magic_formula, relaxation_lengths, slip_curve
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 from mirdrake.tyres.relaxation import (
@@ -124,6 +124,28 @@ def test_brush_parameters_follow_the_load() -> None:
     assert loaded.half_length == pytest.approx(0.075 * math.sqrt(2.0))
     assert brush_at_load(BRUSH, 9000.0).cornering < loaded.cornering > brush_at_load(BRUSH, 7000.0).cornering
     assert brush_at_load(BRUSH, 4000.0, friction=0.3).limit == pytest.approx(1200.0)
+
+
+@pytest.mark.parametrize("load", [2000.0, 4000.0])
+def test_camber_of_a_brush_tyre_is_a_parabolic_deflection_of_its_bristles(load: float) -> None:
+    tyre = replace(BRUSH, camber_stiffness=4500.0)
+    gamma, slip = 0.002, 0.001  # all bristles stick: the largest deflection is far below the friction
+    loaded = brush_at_load(tyre, load, inclination=gamma)
+    fx, fy, mz = brush_on(loaded, 0.0, slip, 20.0)
+    # Force per length: Cy slip / (2 a²) times the way from the leading edge, and a parabola with the force Cγ γ.
+    a, count = loaded.half_length, 20_000
+    behind = (np.arange(count) + 0.5) * 2.0 * a / count
+    parabola = 0.75 * 4500.0 * load / 4000.0 * gamma / a * (1.0 - ((behind - a) / a) ** 2)
+    force = loaded.cornering * slip / (2.0 * a * a) * behind + parabola
+    width = 2.0 * a / count
+    assert fx == 0.0
+    assert fy == pytest.approx(-force.sum() * width, rel=0.02)
+    assert mz == pytest.approx((-force * (a - behind)).sum() * width, rel=0.04)
+    # The sides are mirror images; camber never exceeds friction, and fades at standstill.
+    assert brush_on(brush_at_load(tyre, load, inclination=-gamma), 0.0, -slip, 20.0) == pytest.approx((0.0, -fy, -mz))
+    steep = brush_on(brush_at_load(tyre, load, inclination=1.2), 0.0, 0.3, 20.0)
+    assert -steep[1] == pytest.approx(loaded.limit)
+    assert brush_on(loaded, 0.0, 0.0, 0.0)[1] == 0.0
 
 
 @given(KAPPA, TAN, LOAD, MU)

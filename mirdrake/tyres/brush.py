@@ -17,7 +17,12 @@ with Fx = F_x, Fy = -F_y and Mz = -M. For equal stiffnesses both parts are paral
 |F| = μ N (1 - λ³), |Mz| = μ N a λ³ (1 - λ) (sections 3.2.1 and 3.2.3). For different ones the two parts have the
 directions of M. Gäfvert and J. Svendenius, Construction of Novel Semi-Empirical Tire Models for Combined Braking and
 Cornering, Lund 2003, section 2; |F| never exceeds μ N (1 - λ³). Not modelled, as in the book's first step: the moment
-of Fx about the deflected patch, camber, and a difference between static and sliding friction.
+of Fx about the deflected patch, and a difference between static and sliding friction.
+
+Camber bends the path of the tread in the patch to a parabola, symmetric about the middle (Pacejka, section 3.3). It
+has a lateral force but no moment. Here it acts on the forces as a lateral slip Cγ γ / Cy with the camber stiffness Cγ,
+and M is that of the slip without camber, at the λ of both: exact while all bristles stick, and F keeps its limit μ N.
+Fy = -Cγ γ at zero slip: a wheel with its top to the right is pushed to the right.
 
 Effect of the load: it changes the friction linearly, the longitudinal stiffness proportionally, and the length of the
 patch by a square root (a circle pressed onto a plane). The cornering stiffness follows the Magic Formula,
@@ -63,6 +68,7 @@ class BrushTyre:
         friction_by_load: relative change of the friction by (N - N0) / N0 [1]; -0.1 to -0.2 for cars.
         peak_load: load P of the largest cornering stiffness [N].
         half_length: half the length of the contact patch at nominal load [m].
+        camber_stiffness: -dFy/dγ at zero slip and nominal load [N/rad]; proportional to the load.
 
     Raises:
         ConfigError: not a finite number, or not positive where it must be.
@@ -75,11 +81,12 @@ class BrushTyre:
     friction_by_load: float = 0.0
     peak_load: float
     half_length: float
+    camber_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            signed = field.name == "friction_by_load"
+            signed = field.name in ("friction_by_load", "camber_stiffness")
             check_number("BrushTyre", field.name, value, above=-inf if signed else 0.0)
 
 
@@ -105,21 +112,24 @@ class BrushCurve(NamedTuple):
         cornering: cornering stiffness [N/rad].
         limit: friction force μ N [N].
         half_length: half the length of the contact patch [m].
+        camber: lateral slip of equal force as the camber [1].
     """
 
     longitudinal: Value
     cornering: Value
     limit: Value
     half_length: Value
+    camber: Value = 0.0
 
 
-def brush_at_load(tyre: BrushTyre, load: Value, *, friction: Value = 1.0) -> BrushCurve:
+def brush_at_load(tyre: BrushTyre, load: Value, *, friction: Value = 1.0, inclination: Value = 0.0) -> BrushCurve:
     """Return stiffnesses, friction force and patch length at a load.
 
     Args:
         tyre: parameters.
         load: normal load [N]; a negative load counts as zero.
         friction: friction of the road relative to that of the tyre's data [1].
+        inclination: γ, positive when the top of the wheel is inclined to the right [rad].
     """
     load = larger(load, 0.0)
     ratio = load / tyre.nominal_load
@@ -127,11 +137,13 @@ def brush_at_load(tyre: BrushTyre, load: Value, *, friction: Value = 1.0) -> Bru
     change = larger(1.0 + tyre.friction_by_load * (ratio - 1.0), _LEAST_FRICTION)
     # sin(2 atan x) = 2 x / (1 + x²), relative to its value at the nominal load.
     nominal, now = tyre.nominal_load / tyre.peak_load, load / tyre.peak_load
+    by_load = (1.0 + nominal * nominal) / (1.0 + now * now)
     return BrushCurve(
         longitudinal=tyre.longitudinal_stiffness * ratio,
-        cornering=tyre.cornering_stiffness * ratio * (1.0 + nominal * nominal) / (1.0 + now * now),
+        cornering=tyre.cornering_stiffness * ratio * by_load,
         limit=tyre.friction * change * friction * load,
         half_length=tyre.half_length * sqrt(ratio + _TINY),
+        camber=tyre.camber_stiffness / (tyre.cornering_stiffness * by_load) * inclination,
     )
 
 
@@ -153,8 +165,8 @@ def brush_forces(tyre: BrushTyre, kappa: Value, tan_alpha: Value, load: Value, *
 def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tuple[Value, Value, Value]:
     """Return the steady-state forces of a brush tyre at a load; :mod:`mirdrake.core.compiled` can compile it.
 
-    The aligning moment changes its sign with the direction of rolling, and fades between -:data:`FADE_SPEED` and
-    :data:`FADE_SPEED`.
+    The aligning moment changes its sign with the direction of rolling. It and the force of camber fade between
+    -:data:`FADE_SPEED` and :data:`FADE_SPEED`.
 
     Args:
         curve: curve from :func:`brush_at_load`.
@@ -169,7 +181,9 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
     # The theoretical slips refer to the speed of the tread, which runs backwards beyond kappa = -1.
     forward = choose(kappa < -1.0, -1.0, 1.0)
     scale = larger(forward * (1.0 + kappa), _LOCKED)
-    slip_x, slip_y = kappa / scale, tan_alpha / scale
+    rolling = sin(0.5 * pi / FADE_SPEED * smaller(larger(vx, -FADE_SPEED), FADE_SPEED))
+    slip_x, upright_y = kappa / scale, tan_alpha / scale
+    slip_y = upright_y + curve.camber * rolling * rolling
     slip = sqrt(slip_x * slip_x + slip_y * slip_y + _TINY * _TINY)
     stuck_x, stuck_y = curve.longitudinal * slip_x, curve.cornering * slip_y
     stuck = sqrt(stuck_x * stuck_x + stuck_y * stuck_y + _TINY * _TINY)
@@ -181,10 +195,9 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
     slide = curve.limit * sliding_share * sliding_share * (1.0 + 2.0 * share) / slip
 
     # Moments of the sticking and of the sliding part about the middle of the patch.
-    arm = stuck_y * (square - 4.0 / 3.0 * square * share)
-    back = 3.0 * curve.limit * square * sliding_share * sliding_share * slip_y / slip
+    arm = curve.cornering * upright_y * (square - 4.0 / 3.0 * square * share)
+    back = 3.0 * curve.limit * square * sliding_share * sliding_share * upright_y / slip
     fx, fy = stuck_x * square + slide * slip_x, -(stuck_y * square + slide * slip_y)
-    rolling = sin(0.5 * pi / FADE_SPEED * smaller(larger(vx, -FADE_SPEED), FADE_SPEED))
     return fx, fy, forward * curve.half_length * (back - arm) * rolling
 
 
@@ -225,6 +238,7 @@ class BrushAxle(Schema):
     )
     peak_load: Force = Field(gt=0, description="[N] load of the largest cornering stiffness")
     half_length: Length = Field(gt=0, description="[m] half the length of the contact patch")
+    camber_stiffness: Force = Field(default=0.0, ge=0, description="[N/rad] -dFy/dgamma at zero slip: camber thrust")
     relaxation_x: Length = Field(gt=0, description="[m] relaxation length of longitudinal slip")
     relaxation_y: Length = Field(gt=0, description="[m] relaxation length of lateral slip")
 
@@ -233,8 +247,8 @@ class BrushAxle(Schema):
         data: Json = self.model_dump(exclude={"relaxation_x", "relaxation_y"})
         tyre = BrushTyre(**data)
 
-        def law(load: float, inclination: float, friction: float) -> TyreAtLoad:  # noqa: ARG001 - no camber
-            curve = brush_at_load(tyre, load, friction=friction)
+        def law(load: float, inclination: float, friction: float) -> TyreAtLoad:
+            curve = brush_at_load(tyre, load, friction=friction, inclination=inclination)
             contact = Contact(
                 curve.longitudinal, curve.cornering, self.relaxation_x, self.relaxation_y, curve.limit, curve.limit
             )
