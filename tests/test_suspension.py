@@ -378,7 +378,7 @@ def rejection(tmp_path, change):
         ),
         (
             ARGUMENTS + f"vehicle:\n  suspension: {SECTION.replace('2000', '2000, damper: 1')}",
-            r"x.yaml:4: suspension.front.damper: unknown field; did you mean 'damping'",
+            r"x.yaml:4: suspension.front.dampings: unknown field; did you mean 'damping'",
         ),
         (
             ARGUMENTS + f"vehicle:\n  suspension: {SECTION}\n  joints: {{suspension: {NAMED.replace('{', '{x: y, ')}}}",
