@@ -377,7 +377,7 @@ def rejection(tmp_path, change):
             r"x.yaml:4: suspension.front.damping: ",
         ),
         (
-            ARGUMENTS + f"vehicle:\n  suspension: {SECTION.replace('2000', '2000, damper: 1')}",
+            ARGUMENTS + f"vehicle:\n  suspension: {SECTION.replace('2000', '2000, dampings: 1')}",
             r"x.yaml:4: suspension.front.dampings: unknown field; did you mean 'damping'",
         ),
         (
