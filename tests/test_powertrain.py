@@ -8,13 +8,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.interpolation import invert_map, read_map
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.plant.powertrain import ActuatorLaw, Measured, PowertrainLaw
 from mirdrake.plant.powertrain.actuator import follow
 from mirdrake.plant.powertrain.antilock import BRAKING, DRIVING, SlipState, hold_slip
 from mirdrake.plant.powertrain.brakes import AxleShares, drive_shares, driven_rate, split_brakes, split_drive
-from mirdrake.plant.powertrain.engine import Engine, GearState
-from mirdrake.plant.powertrain.maps import PedalMaps, invert_map, read_map
+from mirdrake.plant.powertrain.engine import GearState, engine_point, make_engine, shift
+from mirdrake.plant.powertrain.maps import PedalMaps
 from mirdrake.plant.powertrain.motor import Motor, full_torque, generator_torque, make_motor, wheel_limits
 from mirdrake.plant.powertrain.stability import stability_torques
 from mirdrake.tyres.brush import BrushTyre, brush_forces
@@ -154,50 +155,50 @@ def test_top_speed_follows_from_power_and_drag_or_from_the_governor():
 
 
 def test_the_converter_doubles_the_torque_at_stall_and_couples_later():
-    engine = Engine(ENGINE, wheel_inertia=1e9)  # so that the engine's own inertia takes nothing
-    stall = engine.point(1.0, 0.0)
+    engine = make_engine(ENGINE, wheel_inertia=1e9)  # so that the engine's own inertia takes nothing
+    stall = engine_point(engine, 1.0, 0.0)
     assert stall.speed == 200.0
     assert stall.full == pytest.approx(200.0 + 120.0 / 220.0 * 200.0)
     assert stall.opened == pytest.approx(stall.full * 2.0 * 12.0 * 0.9)
-    half = engine.point(1.0, 100.0 / 12.0)
+    half = engine_point(engine, 1.0, 100.0 / 12.0)
     assert half.opened == pytest.approx(stall.full * (2.0 - 0.5 / 0.9) * 12.0 * 0.9)
-    coupled = engine.point(1.0, 400.0 / 12.0)
+    coupled = engine_point(engine, 1.0, 400.0 / 12.0)
     assert coupled.speed == pytest.approx(400.0)
     assert coupled.opened == pytest.approx((400.0 - 100.0 / 3.0) * 12.0 * 0.9)
-    assert engine.point(1.0, 601.0 / 12.0).opened == 0.0
+    assert engine_point(engine, 1.0, 601.0 / 12.0).opened == 0.0
 
 
 def test_the_converter_never_gives_more_power_than_it_takes():
-    engine = Engine(ENGINE, wheel_inertia=1e9)
+    engine = make_engine(ENGINE, wheel_inertia=1e9)
     for behind in np.linspace(0.0, 600.0, 200):
-        point = engine.point(2.0, behind / 6.0)
+        point = engine_point(engine, 2.0, behind / 6.0)
         assert point.opened * behind / 6.0 <= point.full * point.speed * 0.9 * (1.0 + 1e-12)
 
 
 def test_a_closed_throttle_creeps_below_idle_speed_and_drags_above():
-    engine = Engine(ENGINE, wheel_inertia=1e9)
-    assert engine.point(1.0, 0.0).closed == pytest.approx(30.0 * 12.0 * 0.9)
-    assert engine.point(1.0, 80.0 / 12.0).closed == 0.0
-    assert engine.point(1.0, 160.0 / 12.0).closed == pytest.approx(-40.0 * 12.0 / 0.9)
+    engine = make_engine(ENGINE, wheel_inertia=1e9)
+    assert engine_point(engine, 1.0, 0.0).closed == pytest.approx(30.0 * 12.0 * 0.9)
+    assert engine_point(engine, 1.0, 80.0 / 12.0).closed == 0.0
+    assert engine_point(engine, 1.0, 160.0 / 12.0).closed == pytest.approx(-40.0 * 12.0 / 0.9)
 
 
 def test_torque_used_by_the_engine_is_the_share_of_its_inertia():
     # F r (1 + J i² / (m r²)) = T: 0.25 x 144 = 36 kg m² beside 164
-    engine = Engine(ENGINE, wheel_inertia=164.0)
-    free = Engine(ENGINE, wheel_inertia=1e12).point(1.0, 30.0).opened
-    assert engine.point(1.0, 30.0).opened == pytest.approx(free * 164.0 / 200.0)
+    engine = make_engine(ENGINE, wheel_inertia=164.0)
+    free = engine_point(make_engine(ENGINE, wheel_inertia=1e12), 1.0, 30.0).opened
+    assert engine_point(engine, 1.0, 30.0).opened == pytest.approx(free * 164.0 / 200.0)
 
 
 def test_the_gearbox_shifts_by_speed_and_throttle_and_has_no_torque_meanwhile():
-    engine = Engine(ENGINE, wheel_inertia=100.0)
+    engine = make_engine(ENGINE, wheel_inertia=100.0)
     rate = 210.0 / 12.0  # above shift_up with a closed throttle, below with an open one
-    assert engine.shift(GearState(), rate, 1.0, period=0.01) == GearState()
-    shifting = engine.shift(GearState(), rate, 0.0, period=0.01)
+    assert shift(engine, GearState(), rate, 1.0, 0.01) == GearState()
+    shifting = shift(engine, GearState(), rate, 0.0, 0.01)
     assert shifting == GearState(2.0, 0.2)
-    assert engine.shift(shifting, rate, 0.0, period=0.15) == pytest.approx((2.0, 0.05))
-    assert engine.shift(GearState(2.0), 85.0 / 6.0, 0.0, period=0.01).gear == 1.0
-    assert engine.shift(GearState(2.0), 85.0 / 6.0 * 2.0, 1.0, period=0.01).gear == 1.0  # kicked down
-    assert engine.shift(GearState(3.0), 1000.0, 1.0, period=0.01).gear == 3.0  # the last one
+    assert shift(engine, shifting, rate, 0.0, 0.15) == pytest.approx((2.0, 0.05))
+    assert shift(engine, GearState(2.0), 85.0 / 6.0, 0.0, 0.01).gear == 1.0
+    assert shift(engine, GearState(2.0), 85.0 / 6.0 * 2.0, 1.0, 0.01).gear == 1.0  # kicked down
+    assert shift(engine, GearState(3.0), 1000.0, 1.0, 0.01).gear == 3.0  # the last one
 
 
 def test_a_car_with_gears_shifts_up_once_each_and_down_again_without_hunting():

@@ -20,7 +20,7 @@ is not made, and I stays as it is, as a constant bias.
 import math
 from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from mirdrake.core.checks import check_number
 
@@ -148,13 +148,24 @@ class PidState(NamedTuple):
 NO_LIMITS = PidLimits()
 
 
+class AnyLimits(Protocol):
+    """The limits that :func:`pid_step` reads: those of :class:`PidLimits`, checked or not."""
+
+    @property
+    def minimum(self) -> float: ...  # noqa: D102
+    @property
+    def maximum(self) -> float: ...  # noqa: D102
+    @property
+    def rate(self) -> float: ...  # noqa: D102
+
+
 def pid_step(
     state: Sequence[float],
     reference: float,
     measurement: float,
     gains: PidGains | PidNumbers,
     period: float,
-    limits: PidLimits = NO_LIMITS,
+    limits: AnyLimits = NO_LIMITS,
     feedforward: float = 0.0,
 ) -> tuple[PidState, float]:
     """Advance the controller by one period; equations in the head of the module.

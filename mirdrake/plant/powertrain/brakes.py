@@ -33,7 +33,7 @@ def driven_rate(rates: Four, shares: AxleShares) -> float:
     return 0.5 * (shares.front * (front_left + front_right) + shares.rear * (rear_left + rear_right))
 
 
-def split_brakes(torque: float, front_share: float, *, generator: float, shares: AxleShares) -> tuple[float, Four]:
+def split_brakes(torque: float, front_share: float, generator: float, shares: AxleShares) -> tuple[float, Four]:
     """Divide a braking torque between motor and friction brakes.
 
     The share of each axle does not depend on the source: the motor brakes first, up to its limit.
@@ -49,7 +49,14 @@ def split_brakes(torque: float, front_share: float, *, generator: float, shares:
     """
     front, rear = torque * front_share, torque * (1.0 - front_share)
     # Motor torque is divided by `shares`: it may rise until one driven axle has its whole share from the motor.
-    wanted = [axle / share for axle, share in ((front, shares.front), (rear, shares.rear)) if share > 0.0]
-    motor = min(generator, *wanted)
+    motor = generator
+    if shares.front > 0.0:
+        motor = min(motor, front / shares.front)
+    if shares.rear > 0.0:
+        motor = min(motor, rear / shares.rear)
     left_front, left_rear = 0.5 * (front - motor * shares.front), 0.5 * (rear - motor * shares.rear)
     return motor, (left_front, left_front, left_rear, left_rear)
+
+
+BRAKE_PARTS = (split_drive, driven_rate, split_brakes)
+"""Functions that can be compiled."""

@@ -15,10 +15,9 @@ The gearbox shifts up and down by the speed behind the converter. Both limits ri
 torque is zero during a shift.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from mirdrake.plant.powertrain.maps import read_map
+from mirdrake.core.interpolation import Rows, read_map
 from mirdrake.vehicles.powertrain_spec import EnginePowertrain
 
 
@@ -50,77 +49,143 @@ class EnginePoint(NamedTuple):
     opened: float
 
 
-@dataclass(frozen=True, slots=True)
-class Engine:
+class Engine(NamedTuple):
     """Engine with converter and gearbox.
 
     Attributes:
-        spec: spec of vehicle.yaml.
+        ratios: engine speed over wheel speed of the forward gears, at least one [1].
+        reverse: the same of the reverse gear [1].
+        curve: engine speed [rad/s] and torque at full throttle [N m].
+        torque: largest torque of the engine [N m].
+        power: its largest power [W].
+        idle: idle speed [rad/s].
+        drag_torque: drag torque with closed throttle [N m].
+        shift_up: speed behind the converter above which the gearbox shifts up, throttle closed and open [rad/s].
+        shift_down: the same for shifting down [rad/s].
+        shift_time: time of a shift [s].
+        efficiency: efficiency of gearbox and final drive [1].
+        inertia: inertia of the engine [kg m²].
+        stall_speed: stall speed of the converter [rad/s].
+        stall_ratio: its torque ratio at stall [1].
+        coupling: speed ratio from which both torques are equal [1].
+        creep_torque: output torque of the converter at idle, wheels locked [N m].
         wheel_inertia: mass of the vehicle times squared radius of the driven wheels [kg m²].
     """
 
-    spec: EnginePowertrain
+    ratios: tuple[float, ...]
+    reverse: float
+    curve: Rows
+    torque: float
+    power: float
+    idle: float
+    drag_torque: float
+    shift_up: tuple[float, float]
+    shift_down: tuple[float, float]
+    shift_time: float
+    efficiency: float
+    inertia: float
+    stall_speed: float
+    stall_ratio: float
+    coupling: float
+    creep_torque: float
     wheel_inertia: float
 
-    def ratio(self, gear: float) -> float:
-        """Return engine speed over wheel speed of a forward gear, or of reverse for -1."""
-        spec = self.spec
-        inner = (spec.reverse or spec.gears[0]) if gear < 0 else spec.gears[int(gear) - 1]
-        return inner * spec.final_drive
 
-    def shift(self, state: GearState, rate: float, throttle: float, *, period: float) -> GearState:
-        """Return the gear after a step.
+def make_engine(spec: EnginePowertrain, *, wheel_inertia: float) -> Engine:
+    """Return the engine of a vehicle.
 
-        Args:
-            state: gear before the step.
-            rate: mean spin rate of the driven wheels, ahead [rad/s].
-            throttle: opening [1].
-            period: length of the step [s].
-        """
-        gear, shifting = state
-        # A gearbox that shifts does not decide again.
-        if shifting > 0.0:
-            return GearState(gear, max(shifting - period, 0.0))
-        speed = rate * self.ratio(gear)
-        # Speeds of shifting rise with the throttle, from closed to open.
-        up, down = (
-            closed + throttle * (opened - closed) for closed, opened in (self.spec.shift_up, self.spec.shift_down)
-        )
-        if speed > up and gear < len(self.spec.gears):
-            return GearState(gear + 1.0, self.spec.shift_time)
-        if speed < down and gear > 1.0:
-            return GearState(gear - 1.0, self.spec.shift_time)
-        return state
+    Args:
+        spec: spec of vehicle.yaml.
+        wheel_inertia: mass of the vehicle times squared radius of the driven wheels [kg m²].
+    """
+    ratios = tuple(gear * spec.final_drive for gear in spec.gears)
+    converter = spec.converter
+    return Engine(
+        ratios=ratios,
+        reverse=(spec.reverse or spec.gears[0]) * spec.final_drive,
+        curve=tuple(spec.torque_curve),
+        torque=spec.max_torque / ratios[0],
+        power=spec.max_power,
+        idle=spec.idle,
+        drag_torque=spec.drag_torque,
+        shift_up=spec.shift_up,
+        shift_down=spec.shift_down,
+        shift_time=spec.shift_time,
+        efficiency=spec.efficiency,
+        inertia=spec.inertia,
+        stall_speed=converter.stall_speed,
+        stall_ratio=converter.stall_ratio,
+        coupling=converter.coupling,
+        creep_torque=converter.creep_torque,
+        wheel_inertia=wheel_inertia,
+    )
 
-    def usual_gear(self, rate: float) -> float:
-        """Return the lowest gear that does not shift up at a spin rate of the driven wheels [rad/s]."""
-        limit = 0.5 * sum(self.spec.shift_up)
-        for gear in range(1, len(self.spec.gears)):
-            if rate * self.ratio(gear) < limit:
-                return float(gear)
-        return float(len(self.spec.gears))
 
-    def point(self, gear: float, rate: float) -> EnginePoint:
-        """Return the operating point in a gear.
+def gear_ratio(engine: Engine, gear: float) -> float:
+    """Return engine speed over wheel speed of a forward gear, or of reverse for -1."""
+    return engine.reverse if gear < 0.0 else engine.ratios[int(gear) - 1]
 
-        Args:
-            gear: forward gear from 1, or -1.
-            rate: mean spin rate of the driven wheels, along the gear [rad/s].
-        """
-        spec, converter, ratio = self.spec, self.spec.converter, self.ratio(gear)
-        # The converter lets the engine run at its stall speed while the turbine is slower.
-        behind = max(rate * ratio, 0.0)
-        speed = max(behind, converter.stall_speed)
-        full = read_map(spec.torque_curve, speed) if speed <= spec.torque_curve[-1][0] else 0.0
-        full = min(full, spec.max_torque / self.ratio(1.0), spec.max_power / speed)
-        slip = behind / speed
-        # Torque gain of the converter: from the stall ratio at standstill, linearly, to 1 at coupling.
-        gain = max(converter.stall_ratio - (converter.stall_ratio - 1.0) * slip / converter.coupling, 1.0)
-        if behind < spec.idle:
-            closed = converter.creep_torque * (1.0 - behind / spec.idle)
-        else:
-            closed = -spec.drag_torque * min((behind - spec.idle) / spec.idle, 1.0)
-        # Share of the torque that reaches the wheels while the engine accelerates its own inertia as well.
-        reach = self.wheel_inertia / (self.wheel_inertia + spec.inertia * ratio * ratio)
-        losses = spec.efficiency if closed > 0.0 else 1.0 / spec.efficiency
-        return EnginePoint(speed, full, closed * ratio * losses, full * gain * ratio * spec.efficiency * reach)
+
+def shift(engine: Engine, state: GearState, rate: float, throttle: float, period: float) -> GearState:
+    """Return the gear after a step.
+
+    Args:
+        engine: the engine.
+        state: gear before the step.
+        rate: mean spin rate of the driven wheels, ahead [rad/s].
+        throttle: opening [1].
+        period: length of the step [s].
+    """
+    gear, shifting = state.gear, state.shifting
+    # A gearbox that shifts does not decide again.
+    if shifting > 0.0:
+        return GearState(gear, max(shifting - period, 0.0))
+    speed = rate * gear_ratio(engine, gear)
+    # Speeds of shifting rise with the throttle, from closed to open.
+    up = engine.shift_up[0] + throttle * (engine.shift_up[1] - engine.shift_up[0])
+    down = engine.shift_down[0] + throttle * (engine.shift_down[1] - engine.shift_down[0])
+    if speed > up and gear < len(engine.ratios):
+        return GearState(gear + 1.0, engine.shift_time)
+    if speed < down and gear > 1.0:
+        return GearState(gear - 1.0, engine.shift_time)
+    return GearState(gear, shifting)
+
+
+def usual_gear(engine: Engine, rate: float) -> float:
+    """Return the lowest gear that does not shift up at a spin rate of the driven wheels [rad/s]."""
+    limit = 0.5 * (engine.shift_up[0] + engine.shift_up[1])
+    for gear in range(1, len(engine.ratios)):
+        if rate * engine.ratios[gear - 1] < limit:
+            return float(gear)
+    return float(len(engine.ratios))
+
+
+def engine_point(engine: Engine, gear: float, rate: float) -> EnginePoint:
+    """Return the operating point in a gear.
+
+    Args:
+        engine: the engine.
+        gear: forward gear from 1, or -1.
+        rate: mean spin rate of the driven wheels, along the gear [rad/s].
+    """
+    ratio = gear_ratio(engine, gear)
+    # The converter lets the engine run at its stall speed while the turbine is slower.
+    behind = max(rate * ratio, 0.0)
+    speed = max(behind, engine.stall_speed)
+    full = read_map(engine.curve, speed) if speed <= engine.curve[len(engine.curve) - 1][0] else 0.0
+    full = min(full, engine.torque, engine.power / speed)
+    slip = behind / speed
+    # Torque gain of the converter: from the stall ratio at standstill, linearly, to 1 at coupling.
+    gain = max(engine.stall_ratio - (engine.stall_ratio - 1.0) * slip / engine.coupling, 1.0)
+    if behind < engine.idle:
+        closed = engine.creep_torque * (1.0 - behind / engine.idle)
+    else:
+        closed = -engine.drag_torque * min((behind - engine.idle) / engine.idle, 1.0)
+    # Share of the torque that reaches the wheels while the engine accelerates its own inertia as well.
+    reach = engine.wheel_inertia / (engine.wheel_inertia + engine.inertia * ratio * ratio)
+    losses = engine.efficiency if closed > 0.0 else 1.0 / engine.efficiency
+    return EnginePoint(speed, full, closed * ratio * losses, full * gain * ratio * engine.efficiency * reach)
+
+
+ENGINE_PARTS = (gear_ratio, shift, usual_gear, engine_point)
+"""Functions that can be compiled."""

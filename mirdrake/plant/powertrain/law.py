@@ -5,15 +5,33 @@ friction brakes, stability control, antilock valves, traction control. The last 
 brake, and have no lag of their own.
 """
 
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from typing import NamedTuple
 
-from mirdrake.plant.powertrain.actuator import ActuatorLaw
+from mirdrake.core.interpolation import TABLE_PARTS, Rows, read_map
+from mirdrake.plant.powertrain.actuator import ActuatorLaw, ActuatorNumbers, actuator_step, follow
 from mirdrake.plant.powertrain.antilock import BRAKING, DRIVING, SlipState, hold_slip
-from mirdrake.plant.powertrain.brakes import Four, drive_shares, driven_rate, split_brakes, split_drive
-from mirdrake.plant.powertrain.engine import Engine, GearState
-from mirdrake.plant.powertrain.maps import PedalMaps, read_map
-from mirdrake.plant.powertrain.motor import make_motor, wheel_limits, wheel_regeneration
+from mirdrake.plant.powertrain.brakes import (
+    BRAKE_PARTS,
+    AxleShares,
+    Four,
+    drive_shares,
+    driven_rate,
+    split_brakes,
+    split_drive,
+)
+from mirdrake.plant.powertrain.engine import (
+    ENGINE_PARTS,
+    Engine,
+    GearState,
+    engine_point,
+    gear_ratio,
+    make_engine,
+    shift,
+    usual_gear,
+)
+from mirdrake.plant.powertrain.maps import PedalMaps
+from mirdrake.plant.powertrain.motor import MOTOR_PARTS, Motor, make_motor, wheel_limits, wheel_regeneration
 from mirdrake.plant.powertrain.stability import stability_torques
 from mirdrake.vehicles.powertrain_spec import EnginePowertrain
 from mirdrake.vehicles.spec import VehicleSpec
@@ -53,6 +71,142 @@ class Torques(NamedTuple):
     status: list[float]
 
 
+class PowertrainNumbers(NamedTuple):
+    """Powertrain, brakes and pedals as plain numbers and tables.
+
+    Attributes:
+        period: time between steps [s].
+        has_engine: whether a combustion engine drives; otherwise it is the motor.
+        motor: the motor; not used with an engine.
+        engine: the engine; not used with a motor.
+        shares: shares of the axles in the drive torque.
+        brake_share: share of the front axle in the brake torque [1].
+        throttle_map: rows of pedal position [1] and share of the drive torque [1].
+        brake_map: rows of pedal position [1] and torque of the four brakes [N m].
+        throttle: lag of the throttle's actuator.
+        throttle_size: length of its memory.
+        brake: lag of the brake's actuator.
+        brake_size: length of its memory.
+    """
+
+    period: float
+    has_engine: bool
+    motor: Motor
+    engine: Engine
+    shares: AxleShares
+    brake_share: float
+    throttle_map: Rows
+    brake_map: Rows
+    throttle: ActuatorNumbers
+    throttle_size: int
+    brake: ActuatorNumbers
+    brake_size: int
+
+
+class PedalTorques(NamedTuple):
+    """Torques for the positions of the pedals, before stability, antilock and traction control.
+
+    Attributes:
+        throttle: position behind the actuator [1].
+        brake: position behind the actuator [1].
+        opening: opening of the throttle [1].
+        gear: number of the gear, 0 neutral, -1 reverse.
+        torque: torque of all driven wheels along the gear [N m].
+        brakes: torques of the wheels' brakes [N m].
+    """
+
+    throttle: float
+    brake: float
+    opening: float
+    gear: float
+    torque: float
+    brakes: Four
+
+
+def throttle_limits(numbers: PowertrainNumbers, gear: float, rate: float, engaged: float) -> tuple[float, float]:
+    """Return the torque of all driven wheels along the gear [N m] with the throttle closed and open.
+
+    Args:
+        numbers: the powertrain.
+        gear: 1 drive, -1 reverse; 0 neutral.
+        rate: mean spin rate of the driven wheels, ahead [rad/s].
+        engaged: forward gear of the gearbox; 0: the lowest one that does not shift up.
+    """
+    if gear == 0.0:
+        return 0.0, 0.0
+    along = gear * rate
+    if not numbers.has_engine:
+        return wheel_limits(numbers.motor, along)
+    number = engaged
+    if gear < 0.0:
+        number = -1.0
+    elif engaged == 0.0:
+        number = usual_gear(numbers.engine, along)
+    point = engine_point(numbers.engine, number, along)
+    return point.closed, point.opened
+
+
+def pedal_torques(
+    numbers: PowertrainNumbers,
+    memory: MutableSequence[float],
+    at: int,
+    throttle: float,
+    brake: float,
+    gear: float,
+    rate: float,
+    slipping: bool,
+) -> PedalTorques:
+    """Advance actuators of the pedals, gearbox, motor or engine, and brakes by one step.
+
+    Args:
+        numbers: the powertrain.
+        memory: memory of the throttle's actuator, the brake's actuator and the gearbox; changed.
+        at: its start in a longer memory.
+        throttle: pedal position [1].
+        brake: pedal position [1].
+        gear: 1 drive, 0 neutral, -1 reverse; rounded.
+        rate: mean spin rate of the driven wheels, ahead [rad/s].
+        slipping: whether antilock acts, so that the motor does not regenerate.
+    """
+    # Pedals behind their actuators and maps.
+    gear = float((gear > 0.5) - (gear < -0.5))
+    behind = at + numbers.throttle_size
+    throttle = actuator_step(memory, at, numbers.throttle_size, min(max(throttle, 0.0), 1.0), numbers.throttle)
+    brake = actuator_step(memory, behind, numbers.brake_size, min(max(brake, 0.0), 1.0), numbers.brake)
+    opening, demand = read_map(numbers.throttle_map, throttle), read_map(numbers.brake_map, brake)
+
+    # Gearbox, and torque of motor or engine.
+    shown = gear
+    if numbers.has_engine:
+        box = behind + numbers.brake_size
+        state = shift(numbers.engine, GearState(memory[box], memory[box + 1]), rate, opening, numbers.period)
+        memory[box], memory[box + 1] = state.gear, state.shifting
+        # Neutral and reverse are shown as demanded, drive as the engaged gear.
+        if gear > 0.0:
+            shown = state.gear
+        closed, opened = throttle_limits(numbers, gear, rate, state.gear)
+        # No torque flows while the gearbox shifts.
+        if state.shifting > 0.0 and gear > 0.0:
+            closed, opened = 0.0, 0.0
+    else:
+        closed, opened = throttle_limits(numbers, gear, rate, 0.0)
+    # Torque is linear in the opening, from drag or creep to full load.
+    torque = closed + opening * (opened - closed)
+
+    # Brakes; the motor does not regenerate while antilock acts.
+    generator = 0.0
+    if not numbers.has_engine and gear != 0.0 and demand > 0.0 and not slipping:
+        # Releasing the throttle already regenerates: only the rest is left for the brake pedal.
+        generator = max(wheel_regeneration(numbers.motor, gear * rate) + min(torque, 0.0), 0.0)
+    motor_brake, brakes = split_brakes(demand, numbers.brake_share, generator, numbers.shares)
+    return PedalTorques(throttle, brake, opening, shown, torque - motor_brake, brakes)
+
+
+NO_MOTOR = Motor(0.0, 0.0)
+NO_ENGINE = Engine((1.0,), 1.0, ((0.0, 0.0),), *(0.0,) * 3, 0.0, (0.0, 0.0), (0.0, 0.0), *(1.0,) * 8)
+"""The one that a vehicle does not have."""
+
+
 class PowertrainLaw:
     """Powertrain, brakes and pedals of one vehicle; the caller keeps the memory, a list of `size` numbers.
 
@@ -64,7 +218,7 @@ class PowertrainLaw:
         radius: rolling radius of the driven wheels [m].
         shares: shares of the axles in the drive torque.
         maps: maps of the pedals.
-        engine: combustion engine; None with an electric motor.
+        numbers: the powertrain as plain numbers.
 
     Args:
         spec: vehicle.yaml.
@@ -103,39 +257,46 @@ class PowertrainLaw:
         self.maps = PedalMaps(spec.pedals, brake_torque=spec.brakes.max_torque)
         self._throttle = ActuatorLaw(spec.actuators.throttle, period=period)
         self._brake = ActuatorLaw(spec.actuators.brake, period=period)
-        self.engine: Engine | None = None
+        motor, engine = NO_MOTOR, NO_ENGINE
         if isinstance(spec.powertrain, EnginePowertrain):
-            self.engine = Engine(spec.powertrain, mass * self.radius**2)
+            engine = make_engine(spec.powertrain, wheel_inertia=mass * self.radius**2)
         else:
-            self._motor = make_motor(spec.powertrain, radius=self.radius)
+            motor = make_motor(spec.powertrain, radius=self.radius)
+        self.numbers = PowertrainNumbers(
+            period=period,
+            has_engine=engine is not NO_ENGINE,
+            motor=motor,
+            engine=engine,
+            shares=self.shares,
+            brake_share=spec.brakes.front_share,
+            throttle_map=self.maps.throttle,
+            brake_map=self.maps.brake,
+            throttle=self._throttle.numbers,
+            throttle_size=self._throttle.size,
+            brake=self._brake.numbers,
+            brake_size=self._brake.size,
+        )
         # Sections of the memory: throttle, brake, gearbox, slip of four braked, then of four driven wheels.
-        first = self._throttle.size
-        self._parts = (slice(0, first), slice(first, first + self._brake.size))
-        self._gear = slice(first + self._brake.size, first + self._brake.size + _GEAR)
+        gearbox = self._throttle.size + self._brake.size
+        self._gear = slice(gearbox, gearbox + _GEAR)
         self._slips = [slice(self._gear.stop + row * _SLIP, self._gear.stop + (row + 1) * _SLIP) for row in range(8)]
         self.size = self._slips[-1].stop
 
     def rest(self, speed: float = 0.0) -> list[float]:
         """Return the memory at the start, with both pedals released, at a speed [m/s]."""
-        gear = self.engine.usual_gear(speed / self.radius) if self.engine is not None else 1.0
+        gear = usual_gear(self.numbers.engine, speed / self.radius) if self.numbers.has_engine else 1.0
         return [*self._throttle.rest(0.0), *self._brake.rest(0.0), *GearState(gear), *list(SlipState()) * 8]
 
-    def limits(self, gear: float, rate: float, *, engaged: float | None = None) -> tuple[float, float]:
+    def limits(self, gear: float, rate: float) -> tuple[float, float]:
         """Return the torque of all driven wheels along the gear [N m] with the throttle closed and open.
+
+        A gearbox is in its lowest gear that does not shift up.
 
         Args:
             gear: 1 drive, -1 reverse; 0 neutral.
             rate: mean spin rate of the driven wheels, ahead [rad/s].
-            engaged: forward gear of the gearbox; by default the lowest one that does not shift up.
         """
-        if gear == 0.0:
-            return 0.0, 0.0
-        along = gear * rate
-        if self.engine is None:
-            return wheel_limits(self._motor, along)
-        number = -1.0 if gear < 0.0 else engaged or self.engine.usual_gear(along)
-        point = self.engine.point(number, along)
-        return point.closed, point.opened
+        return throttle_limits(self.numbers, gear, rate, 0.0)
 
     def step(self, memory: list[float], pedals: Sequence[float], measured: Measured) -> tuple[list[float], Torques]:
         """Advance by one step.
@@ -148,41 +309,14 @@ class PowertrainLaw:
         Returns:
             The memory for the next step, and the torques until then.
         """
-        # Pedals behind their actuators and maps.
         memory = list(memory)
-        throttle_part, brake_part = self._parts
-        # The gear comes as a float signal: round to -1, 0, 1.
-        gear = float((pedals[2] > 0.5) - (pedals[2] < -0.5))
-        asked = (min(max(pedals[0], 0.0), 1.0), min(max(pedals[1], 0.0), 1.0))
-        memory[throttle_part], throttle = self._throttle.step(memory[throttle_part], asked[0])
-        memory[brake_part], brake = self._brake.step(memory[brake_part], asked[1])
-        opening, demand = read_map(self.maps.throttle, throttle), read_map(self.maps.brake, brake)
-
-        # Gearbox, and torque of motor or engine.
-        rate = driven_rate(measured.rates, self.shares)
-        shown = gear
-        if self.engine is not None:
-            state = self.engine.shift(GearState(*memory[self._gear]), rate, opening, period=self._period)
-            memory[self._gear] = state
-            # Neutral and reverse are shown as demanded, drive as the engaged gear.
-            shown = state.gear if gear > 0.0 else gear
-            closed, opened = self.limits(gear, rate, engaged=state.gear)
-            # No torque flows while the gearbox shifts.
-            if state.shifting > 0.0 and gear > 0.0:
-                closed = opened = 0.0
-        else:
-            closed, opened = self.limits(gear, rate)
-        # Torque is linear in the opening, from drag or creep to full load.
-        torque = closed + opening * (opened - closed)
-
-        # Brakes; the motor does not regenerate while antilock acts.
-        generator = 0.0
         slipping = any(memory[part.start] > 0.0 for part in self._slips[:4])
-        if self.engine is None and gear != 0.0 and demand > 0.0 and not slipping:
-            # Releasing the throttle already regenerates: only the rest is left for the brake pedal.
-            generator = max(wheel_regeneration(self._motor, gear * rate) + min(torque, 0.0), 0.0)
-        motor_brake, brakes = split_brakes(demand, self._brakes.front_share, generator=generator, shares=self.shares)
-        torque -= motor_brake
+        rate = driven_rate(measured.rates, self.shares)
+        found = pedal_torques(self.numbers, memory, 0, pedals[0], pedals[1], pedals[2], rate, slipping)
+        gear = min(max(found.gear, -1.0), 1.0)
+        torque, brakes = found.torque, found.brakes
+
+        # Stability control.
         acting = 0
         if self._inertias and self._brakes.esc is not None:
             extra = stability_torques(
@@ -212,8 +346,9 @@ class PowertrainLaw:
             acting += part < 1.0
             torque *= part
             drive = split_drive(gear * torque, self.shares)
-        speed, motor_torque = self._at_motor(gear, rate, torque, opening, memory)
-        status = [throttle, brake, shown, speed, motor_torque, gear * torque * rate, gear * torque, sum(brakes)]
+        speed, motor_torque = self._at_motor(gear, rate, torque, found.opening, memory)
+        power = gear * torque * rate
+        status = [found.throttle, found.brake, found.gear, speed, motor_torque, power, gear * torque, sum(brakes)]
         return memory, Torques(drive, brakes, [*status, float(acting)])
 
     def _hold(
@@ -242,16 +377,23 @@ class PowertrainLaw:
         self, gear: float, rate: float, torque: float, opening: float, memory: list[float]
     ) -> tuple[float, float]:
         """Return speed [rad/s] and torque [N m] of motor or engine, for the log."""
-        if self.engine is None:
-            motor = self._motor
+        if not self.numbers.has_engine:
+            motor = self.numbers.motor
             # Losses act against the flow of power: a regenerating motor gets less than the wheels give.
             losses = motor.efficiency if torque < 0.0 else 1.0 / motor.efficiency
             return rate * motor.gear, gear * torque * losses / motor.gear
-        spec = self.engine.spec
+        engine = self.numbers.engine
         if gear == 0.0:
-            return spec.idle, 0.0
+            return engine.idle, 0.0
         number = -1.0 if gear < 0.0 else memory[self._gear][0]
-        point = self.engine.point(number, gear * rate)
-        behind = gear * rate * self.engine.ratio(number)
-        waiting = spec.idle + opening * (spec.converter.stall_speed - spec.idle)
-        return max(behind, waiting), opening * point.full - (1.0 - opening) * spec.drag_torque * (behind > spec.idle)
+        point = engine_point(engine, number, gear * rate)
+        behind = gear * rate * gear_ratio(engine, number)
+        waiting = engine.idle + opening * (engine.stall_speed - engine.idle)
+        dragging = behind > engine.idle
+        return max(behind, waiting), opening * point.full - (1.0 - opening) * engine.drag_torque * dragging
+
+
+POWERTRAIN_PARTS = (
+    *TABLE_PARTS, *MOTOR_PARTS, *ENGINE_PARTS, *BRAKE_PARTS, actuator_step, follow, throttle_limits, pedal_torques,
+)  # fmt: skip
+"""Functions that can be compiled."""

@@ -6,18 +6,17 @@ of the top speed of motor or governor. As a generator the motor has its own limi
 walking pace, so that it does not pull the vehicle backwards at standstill. The gear has losses in both directions.
 """
 
-from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
-from mirdrake.plant.powertrain.maps import Rows, read_map
-from mirdrake.vehicles.powertrain_spec import AnyPowertrain, ElectricPowertrain, Regeneration, SimplePowertrain
+from mirdrake.core.interpolation import Rows, read_map
+from mirdrake.vehicles.powertrain_spec import AnyPowertrain, ElectricPowertrain, SimplePowertrain
 
 FADE = 0.01
 """Share of the top speed over which the torque decreases to zero [1]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motor:
+class Motor(NamedTuple):
     """Motor with its gear.
 
     Attributes:
@@ -27,7 +26,9 @@ class Motor:
         top: motor speed at which drive torque ends [rad/s].
         efficiency: efficiency of the gear [1].
         rows: motor speed [rad/s] and largest torque [N m]; empty: none.
-        regeneration: limits of the motor as a generator, or None.
+        generator_torque: largest of the motor as a generator [N m]; 0: it does not regenerate.
+        generator_power: the same of the power [W].
+        coast_share: share of the generator's torque with both pedals released [1].
         fade_rate: wheel speed below which regeneration fades [rad/s].
     """
 
@@ -37,7 +38,9 @@ class Motor:
     top: float = inf
     efficiency: float = 1.0
     rows: Rows = ()
-    regeneration: Regeneration | None = None
+    generator_torque: float = 0.0
+    generator_power: float = 0.0
+    coast_share: float = 0.0
     fade_rate: float = 1.0
 
 
@@ -53,7 +56,7 @@ def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
     assert isinstance(spec, ElectricPowertrain)  # an engine has its own law
     # Speeds of the vehicle become speeds of the motor with wheel radius and gear.
     governed = inf if spec.governed_speed is None else spec.governed_speed / radius * spec.gear
-    fade = spec.regeneration.fade_speed if spec.regeneration is not None else 1.0
+    generator = spec.regeneration
     return Motor(
         torque=spec.max_torque / spec.gear,
         power=spec.max_power,
@@ -61,8 +64,10 @@ def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
         top=min(spec.max_speed, governed),
         efficiency=spec.efficiency,
         rows=tuple(spec.torque_map),
-        regeneration=spec.regeneration,
-        fade_rate=fade / radius,
+        generator_torque=0.0 if generator is None else generator.max_torque,
+        generator_power=0.0 if generator is None else generator.max_power,
+        coast_share=0.0 if generator is None else generator.coast_share,
+        fade_rate=(1.0 if generator is None else generator.fade_speed) / radius,
     )
 
 
@@ -71,7 +76,7 @@ def full_torque(motor: Motor, speed: float) -> float:
     size = abs(speed)
     # Constant torque, then constant power, at most the map.
     torque = min(motor.torque, motor.power / size) if size > 0.0 else motor.torque
-    if motor.rows:
+    if len(motor.rows) > 0:
         torque = min(torque, read_map(motor.rows, size))
     # The torque fades before the top speed, so that it is not switched off in one step.
     if motor.top < inf:
@@ -81,9 +86,9 @@ def full_torque(motor: Motor, speed: float) -> float:
 
 def generator_torque(motor: Motor, speed: float) -> float:
     """Return the largest braking torque of the motor itself [N m], positive, at its speed along the gear [rad/s]."""
-    if motor.regeneration is None or speed <= 0.0:
+    if motor.generator_torque == 0.0 or speed <= 0.0:
         return 0.0
-    torque = min(motor.regeneration.max_torque, motor.regeneration.max_power / speed)
+    torque = min(motor.generator_torque, motor.generator_power / speed)
     # Regeneration fades out before standstill, where a constant braking torque would switch on and off.
     return torque * min(speed / (motor.gear * motor.fade_rate), 1.0)
 
@@ -96,12 +101,15 @@ def wheel_limits(motor: Motor, rate: float) -> tuple[float, float]:
         rate: mean spin rate of the driven wheels, along the gear [rad/s].
     """
     speed = rate * motor.gear
-    coast = motor.regeneration.coast_share if motor.regeneration is not None else 0.0
     # Braking power flows from the wheels to the motor: losses of the gear increase the torque at the wheels.
-    closed = -coast * generator_torque(motor, speed) * motor.gear / motor.efficiency
+    closed = -motor.coast_share * generator_torque(motor, speed) * motor.gear / motor.efficiency
     return closed, full_torque(motor, speed) * motor.gear * motor.efficiency
 
 
 def wheel_regeneration(motor: Motor, rate: float) -> float:
     """Return the largest braking torque of the motor at all driven wheels together [N m], positive."""
     return generator_torque(motor, rate * motor.gear) * motor.gear / motor.efficiency
+
+
+MOTOR_PARTS = (full_torque, generator_torque, wheel_limits, wheel_regeneration)
+"""Functions that can be compiled."""

@@ -8,6 +8,7 @@ implicit PD servo of the joint, if the kind has one, acts in addition to that to
 from collections.abc import Callable, MutableSequence, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
+from mirdrake.core.interpolation import Rows
 from mirdrake.core.pid import PidLimits
 from mirdrake.core.yaml_io import Schema
 from mirdrake.vehicles.joint_control.gain_schedule import GainSchedule
@@ -46,13 +47,15 @@ class PedalPositions(NamedTuple):
 
 
 class PedalMaps(Protocol):
-    """Characteristic curves of the pedals, inverted."""
+    """Characteristic curves of the pedals.
 
-    def throttle_position(self, share: float) -> float:
-        """Return the pedal position [1] for a share of the drive torque [1]."""
+    Attributes:
+        throttle: rows of pedal position [1] and share of the drive torque [1].
+        brake: rows of pedal position [1] and torque of the four brakes [N m].
+    """
 
-    def brake_position(self, torque: float) -> float:
-        """Return the pedal position [1] for a torque of the four brakes [N m]."""
+    throttle: Rows
+    brake: Rows
 
 
 class DriveTrain(Protocol):
