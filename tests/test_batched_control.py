@@ -51,13 +51,13 @@ def course(duration):
     return np.column_stack([speed, 0.1 * np.sin(0.3 * t)])
 
 
-def drive_in_drake(bolt, parameters, commands, delay, step=STEP):
+def drive_in_drake(vehicle, parameters, commands, delay, step=STEP, speed=5.0):
     """Return position, speed, yaw rate, set-point and trim of the speed at the control instants, by Drake."""
-    diagram = make_single_track_vehicle(bolt, tyres="brush", relaxation=True, parameters=parameters, delay=delay)
+    diagram = make_single_track_vehicle(vehicle, tyres="brush", relaxation=True, parameters=parameters, delay=delay)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     model = diagram.GetSubsystemByName("single_track")
-    model.set_state(model.GetMyContextFromRoot(context), vx=5.0)
+    model.set_state(model.GetMyContextFromRoot(context), vx=speed)
     ResetIntegratorFromFlags(simulator, "runge_kutta3", step)
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     command, state = diagram.GetInputPort("command"), diagram.GetOutputPort("state")
@@ -94,6 +94,40 @@ def test_the_loop_drives_as_the_drake_diagram(bolt, parameters):
 @pytest.mark.parametrize("delay", [0.0, 0.1])
 def test_the_loop_drives_as_the_drake_diagram_for_a_minute(bolt, parameters, delay):
     compare_with_drake(bolt, parameters, duration=60.0, delay=delay)
+
+
+def drive_with_pedals(name, commands, speed):
+    """Return the same signals of a vehicle with pedals, by the batch and by Drake."""
+    car = load_vehicle(name)
+    parameters = estimate_parameters(car)
+    control = make_control(car, parameters, speed=speed, delay=0.04)
+    assert control.period == PERIOD
+    run = control.run(commands)
+    ours = np.array([run[name][0] for name in ("x", "y", "vx", "yaw_rate", "speed_setpoint", "speed_trim")])
+    return ours, drive_in_drake(car, parameters, commands, delay=0.04, speed=speed), run
+
+
+@pytest.mark.essential
+def test_pedals_drive_as_the_drake_diagram():
+    """An electric motor: full throttle, regenerative and friction brakes, the hold brake, reverse."""
+    t = np.arange(round(4.0 / PERIOD)) * PERIOD
+    speeds = np.select([t < 1.0, t < 2.0, t < 3.0], [6.0, 0.5, 0.0], -2.0)
+    ours, drakes, run = drive_with_pedals("bolt@handling", np.column_stack([speeds, 0.05 * np.sin(t)]), speed=2.0)
+    assert ours == pytest.approx(drakes, abs=1e-6)
+    assert run["drive_force"][0].max() > 3000.0
+    assert run["brake_force"][0].max() > 1000.0
+    assert run["vx"][0, -1] < -0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["bolt@handling", "mkz@handling"])
+def test_pedals_drive_as_the_drake_diagram_for_a_minute(name):
+    """The Lincoln MKZ has an engine with converter and gearbox, which shifts up and down."""
+    t = np.arange(round(60.0 / PERIOD)) * PERIOD
+    speeds = np.select([t < 20.0, t < 35.0, t < 50.0], [30.0, 10.0, 20.0], 0.0)
+    ours, drakes, _ = drive_with_pedals(name, np.column_stack([speeds, 0.01 * np.sin(0.3 * t)]), speed=5.0)
+    assert ours[2] == pytest.approx(drakes[2], abs=1e-6)
+    assert ours[3] == pytest.approx(drakes[3], abs=1e-6)
 
 
 COURSE = Course(step=3.0, step_time=0.0, load=0.0, load_time=8.0, duration=8.0, speed=5.0)
@@ -298,8 +332,3 @@ def test_a_wrong_command_is_an_error(bolt, parameters):
         control.run(np.zeros((5, 3)))
     with pytest.raises(ConfigError, match="no signal 'speed'"):
         control.run(np.zeros((5, 2)), outputs=["speed"])
-
-
-def test_a_vehicle_with_pedals_is_an_error(parameters):
-    with pytest.raises(ConfigError, match="driven by pedals"):
-        make_control(load_vehicle("mkz@handling"), parameters)

@@ -7,7 +7,17 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import Array, scaled
-from mirdrake.manoeuvres.courses import Body, Section, circle, clearance, eight, make_line, within
+from mirdrake.manoeuvres.courses import (
+    Body,
+    Section,
+    circle,
+    clearance,
+    eight,
+    line_at,
+    make_line,
+    project_line,
+    within,
+)
 from mirdrake.manoeuvres.drivers import make_rows
 from mirdrake.manoeuvres.metrics.steady import (
     characteristic_speed,
@@ -345,9 +355,9 @@ def test_a_circle_closes_and_an_eight_turns_right_first():
     line = circle(radius=10.0, turn=1.0, laps=1.0)
     assert (line.x[-1], line.y[-1]) == pytest.approx((0.0, 0.0), abs=0.3)
     assert line.y.max() == pytest.approx(20.0, abs=0.01)
-    index, s, offset = line.project(0.0, 20.5)
+    index, s, offset = project_line(line.table, 0.0, 20.5, -1)
     assert offset == pytest.approx(-0.5, abs=0.01)
-    assert line.at(s)[1] == pytest.approx(0.1)
+    assert line_at(line.table, s)[1] == pytest.approx(0.1)
     assert index > 0
     figure = eight(radius=9.125, laps=1)
     assert (figure.y.min(), figure.y.max()) == pytest.approx((-18.25, 18.25), abs=0.01)

@@ -1,5 +1,6 @@
 """Control units of the cars of a batch: speed and steering loop of control.yaml in the compiled loop."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -8,20 +9,36 @@ from numpy.typing import ArrayLike
 
 from mirdrake.batched.arrays import Floats, Integers
 from mirdrake.batched.cars import Batch
-from mirdrake.batched.control_kernel import DRIVE_PARTS, UnitNumbers, ackermann_rolling, drive, unior_rolling
-from mirdrake.batched.path import NO_PATH, PathDriver
+from mirdrake.batched.control_kernel import (
+    DRIVE_PARTS,
+    DRIVER_MEMORY,
+    OUTPUTS,
+    Clock,
+    DriverLaw,
+    Memories,
+    UnitNumbers,
+    Units,
+    ackermann_rolling,
+    drive,
+    no_driver,
+    unior_rolling,
+)
+from mirdrake.batched.path import TRACKER_PARTS, PathDriver, track
 from mirdrake.batched.records import BatchRun
 from mirdrake.controllers.ackermann import SteeringNumbers
 from mirdrake.controllers.control_step import LAST, ControlSetup
-from mirdrake.core.compiled import Records, compiled, records
+from mirdrake.core.compiled import Records, as_arrays, compiled, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.pid import PidGains, PidNumbers
 from mirdrake.core.signals import Signals, signals
 from mirdrake.core.vectors import PATH_ERROR
+from mirdrake.plant.powertrain.system import RATE
 from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.single_track.dynamics import lateral_force_of
+from mirdrake.single_track.powertrain import make_single_track_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.joint_control.base import NoNumbers
+from mirdrake.vehicles.joint_control.pedals import PedalControl, PedalLaw
 
 STATUS = signals(
     ("speed_setpoint", "m/s", "set-point of the speed, before the trim"),
@@ -35,6 +52,17 @@ COMMANDS = signals(
     ("steering_command", "rad", "command that the unit received"),
 )
 
+ROAD_FORCES = signals(
+    ("drive_force", "N", "at the road, in addition to wheel servos"),
+    ("brake_force", "N", "at the road, positive"),
+)
+
+COMMANDED: tuple[DriverLaw, tuple[Any, ...]] = (no_driver, ())
+"""Driver law, and functions that it calls, of cars that follow commands."""
+
+FOLLOWING: tuple[DriverLaw, tuple[Any, ...]] = (track, TRACKER_PARTS)
+"""The same of path trackers."""
+
 
 class BatchControl:
     """Control units of the cars of a batch.
@@ -42,7 +70,7 @@ class BatchControl:
     Each car has the control unit of :func:`mirdrake.single_track.make_single_track_vehicle`, with gains, delay and
     noise of its own: watchdog, limits and rates of the set-points, steering actuator, speed loop, wheel loops. The
     batch has a variant with actuators. A unit runs at the rate of control.yaml and reads the state at the control
-    instant; its outputs act after the delay.
+    instant; its outputs act after the delay. Pedals act on the powertrain, which runs at its own rate.
 
     Attributes:
         cars: the batch.
@@ -57,8 +85,8 @@ class BatchControl:
         seed: seed of the noise.
 
     Raises:
-        ConfigError: the variant has no actuators, the vehicle is driven by pedals, an unknown gain, or a delay or step
-            that does not fit the control period.
+        ConfigError: the variant has no actuators, the pedals have a controller of the user, an unknown gain, or a delay
+            or step that does not fit the control period or the period of the powertrain.
     """
 
     def __init__(
@@ -71,27 +99,19 @@ class BatchControl:
         noise: ArrayLike = 0.0,
         seed: int = 0,
     ) -> None:
-        wheel = vehicle.control.wheel_speed
         _check_vehicle(cars, vehicle)
         self.cars, self.period, self._seed = cars, 1.0 / vehicle.control.rate, np.uint64(seed)
         # The unit acts at whole steps only: a period between two steps would change its sampling and with it its delay.
-        self._steps = round(self.period / cars.step_time)
-        if self._steps < 1 or abs(self._steps * cars.step_time - self.period) > 1e-9:
-            raise ConfigError(
-                f"batch: a step of {cars.step_time:g} s does not divide the control period of {self.period:g} s; take "
-                f"for example {self.period / max(self._steps, 1):g} s"
-            )
+        self._control_steps = self._whole_steps(self.period, "control period")
         nominal = cars.nominal  # the unit does not know how the cars differ
-        self._unit = SingleTrackControl(vehicle, mass=nominal.mass, rotating=nominal.rotating_mass)
+        mass, rotating = nominal.mass, nominal.rotating_mass
+        self._unit = SingleTrackControl(vehicle, mass=mass, rotating=rotating)
+        self._powertrain = make_single_track_law(vehicle, mass=mass, rotating=rotating)
+        self._pedals = self._unit.pedal_law is not None
+        self._train_steps = self._whole_steps(1.0 / RATE, "period of the powertrain") if self._pedals else 0
         self._delays = self._delay_steps(delay)
         self._noise = self._per_car("noise", noise)
         self._numbers = self._make_numbers(vehicle, gains or {})
-        # Steering and wheel laws are compiled into the loop, as Numba cannot call a method that is chosen at run time.
-        rolling = ackermann_rolling if vehicle.spec.steering.law == "ackermann" else unior_rolling
-        laws = (lateral_force_of(cars.variant), rolling, wheel.torque_law())
-        self._drive: Callable[..., None] = compiled(
-            drive, laws, parts=[*DRIVE_PARTS, *wheel.law_parts, rolling], nogil=True
-        )
         self.start()
 
     def start(self) -> None:
@@ -106,12 +126,20 @@ class BatchControl:
             row = memories[angle].copy()
             row[LAST] = speed
             rows.append(row)
-        self._memory: Floats = np.array(rows)
         # Until the first delayed output acts, servos hold the present angle and speed; drive force and rate are zero.
-        self._delayed: Floats = np.zeros((self.cars.count, int(self._delays.max()) + 1, 5))
-        self._delayed[:, :, 0] = angles[:, None]
-        self._delayed[:, :, 4] = speeds[:, None] * self._unit.true_over_believed
-        self._tracked: Floats = np.zeros((self.cars.count, 9))
+        count = self.cars.count
+        delayed: Floats = np.zeros((count, int(self._delays.max()) + 1, OUTPUTS))
+        delayed[:, :, 0] = angles[:, None]
+        # Pedals are released, in drive.
+        delayed[:, :, 4] = 1.0 if self._pedals else speeds[:, None] * self._unit.true_over_believed
+        self._memories = Memories(
+            unit=np.array(rows),
+            delayed=delayed,
+            delays=self._delays,
+            driver=np.zeros((count, DRIVER_MEMORY)),
+            powertrain=np.array([self._powertrain.rest(speed) for speed in speeds.tolist()]),
+            forces=np.zeros((count, 3)),
+        )
         self._periods = 0
 
     def run(self, commands: ArrayLike, *, outputs: Sequence[str] | None = None, every: int = 1) -> BatchRun:
@@ -129,7 +157,14 @@ class BatchControl:
         Raises:
             ConfigError: wrong shape, or an unknown signal.
         """
-        return self._run(self._check_commands(commands), NO_PATH, outputs, every)
+        rows = self._check_commands(commands)
+        times = (self._periods + np.arange(rows.shape[1])) * self.period
+        # The stamp of a command is its own control instant: it is never old, and only rows with NaN are missing
+        # messages.
+        stamped = np.empty((*rows.shape[:2], 3))
+        stamped[..., :2], stamped[..., 2] = rows, times
+        steps = check_count("every", every) * self._control_steps
+        return self._run(stamped, COMMANDED, (), rows.shape[1], outputs, steps)
 
     def follow(
         self, driver: PathDriver, *, periods: int, outputs: Sequence[str] | None = None, every: int = 1
@@ -145,9 +180,44 @@ class BatchControl:
         Raises:
             ConfigError: an unknown signal, or a driver that does not fit the cars.
         """
-        # The kernel takes the number of periods from the shape of the commands, whose values are not read on a track.
-        unused = np.zeros((1, check_count("periods", periods), 2))
-        return self._run(unused, driver.numbers(self.cars.count, self.period), outputs, every)
+        # The tracker runs at control instants, as the unit reads its command there.
+        multiple = round(driver.period / self.period)
+        if multiple < 1 or abs(multiple * self.period - driver.period) > 1e-9:
+            raise ConfigError(
+                f"path driver: a period of {driver.period:g} s is not a multiple of the control period, "
+                f"{self.period:g} s"
+            )
+        trackers = driver.numbers(self.cars.count)
+        steps = check_count("every", every) * self._control_steps
+        return self.drive(FOLLOWING, trackers, driver.period, periods=periods, outputs=outputs, every=steps)
+
+    def drive(
+        self,
+        law: tuple[DriverLaw, tuple[Any, ...]],
+        drivers: Any,
+        driver_period: float,
+        *,
+        periods: int,
+        outputs: Sequence[str] | None = None,
+        every: int = 1,
+    ) -> BatchRun:
+        """Drive all cars by a compiled driver law; further calls continue.
+
+        Args:
+            law: the driver law, and functions that it calls.
+            drivers: its numbers for all cars.
+            driver_period: time between two of its steps [s].
+            periods: number of control periods.
+            outputs: see :meth:`run`.
+            every: steps of the integration between two rows of the result.
+
+        Raises:
+            ConfigError: an unknown signal, or a period that the step of the integration does not divide.
+        """
+        unused = np.zeros((1, 1, 3))  # the commands are those of the driver
+        return self._run(
+            unused, law, drivers, check_count("periods", periods), outputs, every, driver_period=driver_period
+        )
 
     def _check_commands(self, commands: ArrayLike) -> Floats:
         """Return commands (1 or n, periods, 2)."""
@@ -160,33 +230,71 @@ class BatchControl:
             )
         return rows
 
-    def _run(self, rows: Floats, path: tuple[Any, ...], outputs: Sequence[str] | None, every: int) -> BatchRun:
-        """Drive all cars under commands, or along a path."""
-        periods = rows.shape[1]
-        time = (self._periods + np.arange(periods)) * self.period
-        # The stamp of a command is its own control instant: it is never old, and only rows with NaN are missing
-        # messages.
-        stamped = np.empty((*rows.shape[:2], 3))
-        stamped[..., :2], stamped[..., 2] = rows, time
-        contents = self._contents(outputs)
+    def _run(
+        self,
+        commands: Floats,
+        law: tuple[DriverLaw, tuple[Any, ...]],
+        drivers: Any,
+        periods: int,
+        outputs: Sequence[str] | None,
+        every: int,
+        *,
+        driver_period: float = 0.0,
+    ) -> BatchRun:
+        """Drive all cars under commands, or by drivers."""
+        cars, contents = self.cars, self._contents(outputs)
         names = [signal.name for signal in self.signals()]
         columns = np.array([names.index(signal.name) for signal in contents])
-        # Rounded up: row 0 is the first period, and every further row `every` periods later.
-        values = np.empty((self.cars.count, -(-periods // check_count("every", every)), len(columns)))
-        cars = self.cars
-        arguments = (
-            *cars.model(), *self._numbers, *path, stamped, self._noise, self._seed,
-            self._periods, int(every), cars.step_time, self._steps, columns,
-        )  # fmt: skip
-        changed = (cars.state, cars.diverged, self._memory, self._delayed, self._delays, self._tracked, values)
-        cars.share(self._drive, arguments, changed)
+        # A tick is the longest time that divides the periods of all events.
+        driver_steps = self._whole_steps(driver_period, "period of the driver") if driver_period else 0
+        tick = math.gcd(self._control_steps, self._train_steps, driver_steps, every)
+        clock = Clock(
+            begin=self._periods * self._control_steps // tick,
+            ticks=periods * self._control_steps // tick,
+            control=self._control_steps // tick,
+            powertrain=max(self._train_steps // tick, 1),
+            driver=driver_steps // tick,
+            output=every // tick,
+            driver_period=driver_period,
+            steps=tick,
+            step=cars.step_time,
+        )
+        # Rounded up: row 0 is the first tick, and every further row `every` steps later.
+        time: Floats = (clock.begin + np.arange(0.0, clock.ticks, clock.output)) * (self.period / clock.control)
+        values = np.empty((cars.count, len(time), len(columns)))
+        arguments = (*cars.model(), self._numbers, drivers, commands, self._noise, self._seed, clock, columns)
+        cars.share(self._kernel(law), arguments, (cars.state, cars.diverged, self._memories, values))
         self._periods += periods
         cars.time += periods * self.period
-        return BatchRun(np.array(time[::every], dtype=np.float64), values, contents, cars.diverged_cars)
+        return BatchRun(time, values, contents, cars.diverged_cars)
+
+    def _kernel(self, law: tuple[DriverLaw, tuple[Any, ...]]) -> Callable[..., None]:
+        """Return the compiled loop with the laws of steering, wheels and driver."""
+        # Laws are compiled into the loop, as Numba cannot call a method that is chosen at run time.
+        vehicle, (driver_law, parts) = self._unit.vehicle, law
+        wheel = vehicle.control.wheel_speed
+        rolling = ackermann_rolling if vehicle.spec.steering.law == "ackermann" else unior_rolling
+        laws = (lateral_force_of(self.cars.variant), rolling, wheel.torque_law(), driver_law)
+        return compiled(drive, laws, parts=[*DRIVE_PARTS, *parts, *wheel.law_parts, rolling], nogil=True)
+
+    def _whole_steps(self, period: float, name: str) -> int:
+        """Return the number of integration steps in a period [s].
+
+        Raises:
+            ConfigError: it is not a whole number.
+        """
+        step = self.cars.step_time
+        steps = round(period / step)
+        if steps < 1 or abs(steps * step - period) > 1e-9:
+            raise ConfigError(
+                f"batch: a step of {step:g} s does not divide the {name} of {period:g} s; take for example "
+                f"{period / max(steps, 1):g} s"
+            )
+        return steps
 
     def signals(self) -> Signals:
-        """Return the signals that a run can have: states, motion, status, path error, commands."""
-        return (*self.cars.signals(), *STATUS, *PATH_ERROR, *COMMANDS)
+        """Return the signals that a run can have: states, motion, status, path error, commands, forces."""
+        return (*self.cars.signals(), *STATUS, *PATH_ERROR, *COMMANDS, *ROAD_FORCES)
 
     def _contents(self, outputs: Sequence[str] | None) -> Signals:
         """Return the signals of some names; all if None."""
@@ -219,8 +327,8 @@ class BatchControl:
             )
         return steps
 
-    def _make_numbers(self, vehicle: Vehicle, gains: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
-        """Return the records of unit, set-up, true steering geometry, and the gains of each car."""
+    def _make_numbers(self, vehicle: Vehicle, gains: Mapping[str, ArrayLike]) -> Units:
+        """Return control units and powertrains of all cars."""
         control, unit = vehicle.control, self._unit
         loops = {"speed": {"kp": control.speed.kp, "ki": control.speed.ki}}
         loops["wheel_speed"] = dict(zip(control.wheel_speed.gains, control.wheel_speed.gain_values(), strict=True))
@@ -237,22 +345,40 @@ class BatchControl:
             rows[loop] = np.column_stack(table).tolist() if table else [[]] * self.cars.count
         # The laws make a record for each car, so that derived numbers (anti-windup) follow from its own gains.
         speed = [PidGains(*row).numbers() for row in rows["speed"]]
-        wheel = [control.wheel_speed.numbers(row) for row in rows["wheel_speed"]]
+        pedals, period = unit.pedal_law, self.period
+        wheel = [(control.wheel_speed if pedals is None else pedals).numbers(row) for row in rows["wheel_speed"]]
+        # Without pedals the compiled loop still needs numbers of their type.
+        law = pedals or PedalControl(kind="pedals").make_pedal_controller(self._powertrain, vehicle.spec, period)
+        assert isinstance(law, PedalLaw)
         numbers = UnitNumbers(
-            unit.constants.radii[0] * unit.true_over_believed, unit.true_over_believed,
-            unit.force_per_torque, self.period,
-        )  # fmt: skip
-        return (
-            records(UnitNumbers, [numbers]),
-            records(ControlSetup, [unit.constants]),
-            records(SteeringNumbers, [unit.true_steering.numbers]),
-            records(PidNumbers, speed),
-            *self._wheel_gains(vehicle, records(type(wheel[0]), wheel)),
-            records(NoNumbers, [NoNumbers()]),
+            unit.constants.radii[0] * unit.true_over_believed, unit.true_over_believed, unit.force_per_torque, period
+        )
+        own, present, own_pid, present_pid, schedule = self._wheel_gains(
+            vehicle, records(type(wheel[0]), wheel), law.pedal_numbers.inertia if pedals is not None else 1.0
+        )
+        return Units(
+            units=records(UnitNumbers, [numbers]),
+            setups=records(ControlSetup, [unit.constants]),
+            true_steering=records(SteeringNumbers, [unit.true_steering.numbers]),
+            speed_gains=records(PidNumbers, speed),
+            wheel_gains=own,
+            present_gains=present,
+            own_pid=own_pid,
+            present_pid=present_pid,
+            pedal_gains=present if pedals is not None else records(PidNumbers, []),
+            schedule=schedule,
+            joint_gains=records(NoNumbers, [NoNumbers()]),
+            pedals=as_arrays(law.pedal_numbers),
+            pedal_memory=unit.pedal_memory,
+            powertrain=as_arrays(self._powertrain.numbers),
+            radii=self._unit.vehicle.geometry.wheel_radii,
         )
 
-    def _wheel_gains(self, vehicle: Vehicle, own: Records) -> tuple[Any, ...]:
-        """Return the gains of the wheels and those at the present speed, both again as PID gains, and the schedule."""
+    def _wheel_gains(self, vehicle: Vehicle, own: Records, scale: float) -> tuple[Any, ...]:
+        """Return the gains of the wheels and those at the present speed, both again as PID gains, and the schedule.
+
+        `scale` is a gain of the loop over that of control.yaml.
+        """
         schedule = vehicle.control.wheel_speed.gain_schedule()
         if schedule is None:
             # Numba needs typed arrays also for arguments that are not read; a schedule without rows disables it.
@@ -260,7 +386,8 @@ class BatchControl:
             return own, own, unused, unused, np.empty((0, 4))
         table, present = schedule.table(), own.copy()
         # NaN marks gains that are not scheduled: the kernel then keeps the gain of the car.
-        columns = [table.gains.get(name, [np.nan] * len(table.speeds)) for name in ("kp", "ki", "kd")]
+        missing = [np.nan] * len(table.speeds)
+        columns = [scale * np.array(table.gains.get(name, missing)) for name in ("kp", "ki", "kd")]
         return own, present, own, present, np.column_stack([table.speeds, *columns])
 
 
@@ -273,10 +400,10 @@ def _check_vehicle(cars: Batch, vehicle: Vehicle) -> None:
     control = vehicle.control
     if not cars.variant.actuators:
         raise ConfigError("batch: a control unit needs a variant with actuators; write Variant(..., actuators=True)")
-    if control.wheel_speed.uses_pedals:
+    if control.wheel_speed.uses_pedals and not isinstance(control.wheel_speed, PedalControl):
         raise ConfigError(
-            f"batch: '{vehicle.name}' is driven by pedals, whose laws run in Python only; choose a variant of the "
-            "vehicle with wheel_speed of kind servo or pid"
+            f"batch: the pedals of '{vehicle.name}' have a controller of their own, which runs in Python only; choose "
+            "wheel_speed of kind pedals, servo or pid"
         )
 
 

@@ -124,8 +124,8 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         speed_loop = _append(memory, PidState()).start
         wheel_loops = [_append(memory, wheel.memory).start if drives else -1 for drives in driven]
         steering_loops = [_append(memory, steering.memory).start for _ in range(2)]
-        if self.pedal_law is not None:
-            self._pedal_memory = _append(memory, self.pedal_law.rest())
+        rest = self.pedal_law.rest() if self.pedal_law is not None else []
+        self._pedal_memory = _append(memory, rest)
 
         # A torque in total is shared by the driven wheels.
         share = sum(name in spec.driven_wheels() for name in WHEELS)
@@ -191,6 +191,11 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._gain_numbers = [records(type(number), [number]) for number in numbers]
             parts: list[Callable[..., Any]] = [*CONTROL_PARTS, *wheel.law_parts, *steering.law_parts]
             self._run = compiled(control_step, (wheels, *laws), parts=parts)
+
+    @property
+    def pedal_memory(self) -> int:
+        """Start of the memory of the pedals' law in that of the unit."""
+        return int(self._pedal_memory.start)
 
     @abstractmethod
     def _read_state(self, context: Context) -> Vector:

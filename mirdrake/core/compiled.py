@@ -66,6 +66,21 @@ def plain(value: Any) -> Any:
     return plain(astuple(value)) if is_dataclass(value) and not isinstance(value, type) else value
 
 
+def as_arrays(numbers: Any) -> Any:
+    """Return a named tuple with its tables and sequences as arrays, as compiled functions take it."""
+    values = []
+    for value in numbers:
+        if hasattr(value, "_fields"):
+            values.append(as_arrays(value))
+        elif isinstance(value, list | tuple):
+            # Tables without rows have two columns, too: Numba compiles for a number of dimensions.
+            table = np.array(value, dtype=float)
+            values.append(table if len(table) else np.empty((0, 2)))
+        else:
+            values.append(value)
+    return type(numbers)(*values)
+
+
 def compiled(
     function: Callable[..., Any],
     law: Callable[..., Any] | tuple[Callable[..., Any], ...] | None = None,
@@ -79,7 +94,7 @@ def compiled(
 
     Args:
         function: the function.
-        law: its first argument, or its first two or three, if these are functions; the compiled function does not have
+        law: its first argument, or its first two to four, if these are functions; the compiled function does not have
             them.
         parts: functions that these call, directly or indirectly.
         nogil: whether other threads of Python run meanwhile.
@@ -125,9 +140,13 @@ def _compiled(
         _ = version
         return function(first, second, third, *arguments)
 
+    def call_with_four(*arguments: Any) -> Any:
+        _ = version
+        return function(first, second, third, fourth, *arguments)
+
     # Numba resolves functions in the closure at compile time only if each is a variable of its own.
-    first, second, third = (*laws, None, None)[:3]
-    calling: Callable[..., Any] = (call_with_law, call_with_two, call_with_three)[len(laws) - 1]
+    first, second, third, fourth = (*laws, None, None, None)[:4]
+    calling: Callable[..., Any] = (call_with_law, call_with_two, call_with_three, call_with_four)[len(laws) - 1]
     try:
         compiling: Callable[..., Any] = njit(cache=True, nogil=nogil)(calling)
     except RuntimeError:  # no folder is writable

@@ -7,6 +7,7 @@ edges of sections; they are not bodies of the world.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -62,41 +63,50 @@ class Line:
     yaw: Array
     curvature: Array
 
-    def project(self, x: float, y: float, near: int | None = None) -> tuple[int, float, float]:
-        """Return the index of the nearest sample, the arc length of the projection, and the offset to the left [m].
+    @cached_property
+    def table(self) -> Array:
+        """Columns s, x, y, yaw, curvature (n, 5)."""
+        return np.column_stack([self.s, self.x, self.y, self.yaw, self.curvature])
 
-        Args:
-            x: coordinate of the point [m].
-            y: coordinate of the point [m].
-            near: index around which :data:`_REACH` samples are searched to both sides; by default all are.
-        """
-        # The search around the last sample keeps the station where a line crosses itself, and is faster.
-        low = 0 if near is None else max(0, near - _REACH)
-        high = len(self.s) if near is None else min(len(self.s), near + _REACH)
-        distances = np.hypot(self.x[low:high] - x, self.y[low:high] - y)
-        if near is None:  # a line of several laps passes the same point again: the first lap counts
-            # Among all samples within one step of the nearest one take the first, with the samples that follow it.
-            step = float(self.s[1] - self.s[0])
-            first = int(np.argmax(distances <= float(np.min(distances)) + step))
-            distances = distances[: first + _REACH]
-        index = low + int(np.argmin(distances))
 
-        # Project onto the tangent of the nearest sample; the parabola κ/2 x² corrects the offset for the curvature.
-        yaw = float(self.yaw[index])
-        dx, dy = x - float(self.x[index]), y - float(self.y[index])
-        along, lateral = dx * math.cos(yaw) + dy * math.sin(yaw), dy * math.cos(yaw) - dx * math.sin(yaw)
-        lateral -= 0.5 * float(self.curvature[index]) * along**2
-        return index, float(self.s[index]) + along, lateral
+def project_line(line: Array, x: float, y: float, near: int) -> tuple[int, float, float]:
+    """Return the index of the nearest sample, the arc length of the projection, and the offset to the left [m].
 
-    def at(self, s: float) -> tuple[float, float]:
-        """Return heading [rad] and curvature [1/m] at an arc length [m]."""
-        step = float(self.s[1] - self.s[0])
-        # 1.001 keeps index + 1 within the line.
-        position = min(max((s - float(self.s[0])) / step, 0.0), len(self.s) - 1.001)
-        index = int(position)
-        part = position - index
-        yaw = float(self.yaw[index]) * (1.0 - part) + float(self.yaw[index + 1]) * part
-        return yaw, float(self.curvature[index]) * (1.0 - part) + float(self.curvature[index + 1]) * part
+    Args:
+        line: table of a line.
+        x: coordinate of the point [m].
+        y: coordinate of the point [m].
+        near: index around which :data:`_REACH` samples are searched to both sides; -1: all are.
+    """
+    # The search around the last sample keeps the station where a line crosses itself, and is faster.
+    low = 0 if near < 0 else max(0, near - _REACH)
+    high = len(line) if near < 0 else min(len(line), near + _REACH)
+    distances = np.hypot(line[low:high, 1] - x, line[low:high, 2] - y)
+    if near < 0:  # a line of several laps passes the same point again: the first lap counts
+        # Among all samples within one step of the nearest one take the first, with the samples that follow it.
+        limit, first = np.min(distances) + (line[1, 0] - line[0, 0]), 0
+        while distances[first] > limit:
+            first += 1
+        distances = distances[: first + _REACH]
+    index = low + int(np.argmin(distances))
+
+    # Project onto the tangent of the nearest sample; the parabola κ/2 x² corrects the offset for the curvature.
+    yaw = float(line[index, 3])
+    dx, dy = x - float(line[index, 1]), y - float(line[index, 2])
+    along, lateral = dx * math.cos(yaw) + dy * math.sin(yaw), dy * math.cos(yaw) - dx * math.sin(yaw)
+    lateral -= 0.5 * float(line[index, 4]) * along**2
+    return index, float(line[index, 0]) + along, lateral
+
+
+def line_at(line: Array, s: float) -> tuple[float, float]:
+    """Return heading [rad] and curvature [1/m] of a table of a line at an arc length [m]."""
+    step = float(line[1, 0] - line[0, 0])
+    # 1.001 keeps index + 1 within the line.
+    position = min(max((s - float(line[0, 0])) / step, 0.0), len(line) - 1.001)
+    index = int(position)
+    part = position - index
+    yaw = float(line[index, 3]) * (1.0 - part) + float(line[index + 1, 3]) * part
+    return yaw, float(line[index, 4]) * (1.0 - part) + float(line[index + 1, 4]) * part
 
 
 def from_curvature(curvature: Array, step: float) -> Line:

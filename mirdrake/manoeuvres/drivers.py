@@ -20,7 +20,7 @@ wheels are steered, so its yaw rate error acts on the steering without delay; th
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableSequence, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -31,9 +31,11 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.maths import wrap_angle
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.core.vectors import COMMAND, STATE
-from mirdrake.manoeuvres.courses import make_line
+from mirdrake.manoeuvres.base import Array
+from mirdrake.manoeuvres.courses import line_at, make_line, project_line
 from mirdrake.manoeuvres.profiles import make_profile
 
 PEDALS = signals(
@@ -41,14 +43,46 @@ PEDALS = signals(
     ("brake", "", "0 to 1"),
     ("gear", "", "1 drive, 0 neutral, -1 reverse"),
 )
-_THROTTLE = 0.5
+THROTTLE = 0.5
 """Throttle over the speed error while a speed is held [s/m]."""
 
-_YAW_RATE_FEEDBACK = (0.3, 0.25)
+_LEAST_FEEDBACK, _FEEDBACK_SLOPE = 0.3, 0.25
 """Largest feedback of the yaw rate error at standstill, and its increase with v / sqrt(g L) [1]."""
 
 _LEAST_SPEED = 0.5
 """Least speed of the steering law [m/s]; it divides by the speed."""
+
+
+LINE_MEMORY = (-1.0, -math.inf, 0.0)
+"""Memory of a driver on a line at the start: index of the last sample (-1: none), last time [s], integral [rad]."""
+
+
+class LineNumbers(NamedTuple):
+    """Settings of a driver on a line; see :class:`PathDriver`.
+
+    Attributes:
+        wheelbase: of the vehicle [m].
+        limit: largest steering angle [rad].
+        ahead: distance of the point that follows the line ahead of the rear axle [m].
+        understeer: understeer gradient [rad s²/m].
+        frequency: natural frequency of the lateral error [rad/s].
+        damping: its damping ratio [1].
+        preview: delay until the steering acts [s].
+        integral: integral gain over the gain of the lateral error [1/s].
+        course: weight of the course against the heading [1].
+        hands: False holds the wheel straight.
+    """
+
+    wheelbase: float
+    limit: float
+    ahead: float
+    understeer: float
+    frequency: float
+    damping: float
+    preview: float
+    integral: float
+    course: float
+    hands: bool
 
 
 class Rows(NamedTuple):
@@ -114,16 +148,16 @@ class _Driver(LeafSystem):
     ) -> None:
         super().__init__()
         owner = type(self).__name__
-        self._speeds = make_rows(speeds, 1, f"{owner}: speeds") if speeds is not None else None
-        self._pedal_rows = make_rows(pedals, 3, f"{owner}: pedals") if pedals is not None else None
-        self._held = make_rows([held], 1, f"{owner}: held").rows[0] if held is not None else None
+        self.speeds = make_rows(speeds, 1, f"{owner}: speeds") if speeds is not None else None
+        self.pedal_rows = make_rows(pedals, 3, f"{owner}: pedals") if pedals is not None else None
+        self.held = make_rows([held], 1, f"{owner}: held").rows[0] if held is not None else None
         self.period = check_number(owner, "period", period, unit="s", above=0.0)
         # Updates at t = 0 and every period: outputs are discrete states, which breaks the loop from state to command.
         self.state = declare_vector_input(self, "state", STATE)
         self._command = self.DeclareDiscreteState(3)
         self.command = declare_state_output(self, "command", COMMAND, self._command)
         # The port of the pedals exists only with pedals: the diagram then bypasses the speed control.
-        if self._pedal_rows is not None:
+        if self.pedal_rows is not None:
             self._pedals = self.DeclareDiscreteState(3)
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
         self.DeclareInitializationDiscreteUpdateEvent(self._update)
@@ -136,16 +170,16 @@ class _Driver(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         time, state = context.get_time(), self.state.Eval(context).tolist()
         # Without a speed command the present speed is commanded, so that speed control adds no force.
-        speed = self._speeds.at(time)[0] if self._speeds is not None else state[6]
+        speed = self.speeds.at(time)[0] if self.speeds is not None else state[6]
         values.set_value(self._command, [speed, self._steer(time, state), time])
-        if self._pedal_rows is None:
+        if self.pedal_rows is None:
             return
-        if self._held is not None and state[0] < self._held[1]:
+        if self.held is not None and state[0] < self.held[1]:
             # Up to the x at which it is released the throttle holds the speed; later the rows of the pedals apply.
-            throttle = min(max(_THROTTLE * (self._held[0] - state[6]), 0.0), 1.0)
+            throttle = min(max(THROTTLE * (self.held[0] - state[6]), 0.0), 1.0)
             values.set_value(self._pedals, [throttle, 0.0, 1.0])
         else:
-            values.set_value(self._pedals, list(self._pedal_rows.at(time)))
+            values.set_value(self._pedals, list(self.pedal_rows.at(time)))
 
 
 class OpenLoopDriver(_Driver):
@@ -166,17 +200,21 @@ class OpenLoopDriver(_Driver):
         pedals: Sequence[Sequence[float]] | None = None,
         period: float = 0.01,
     ) -> None:
-        self._profile = make_profile(profile)
+        self.profile = make_profile(profile)
         super().__init__(speeds=speeds, pedals=pedals, period=period)
 
     def _steer(self, time: float, state: list[float]) -> float:  # noqa: ARG002
-        return self._profile(time)
+        return self.profile(time)
 
 
 class PathDriver(_Driver):
     """Driver that follows a line by the steering law of this module.
 
     It remembers its station on the line, so that a line may cross itself; a time before the last one resets it.
+
+    Attributes:
+        line: the line.
+        numbers: settings as plain numbers.
 
     Args:
         line: see :mod:`mirdrake.manoeuvres.courses`.
@@ -214,56 +252,98 @@ class PathDriver(_Driver):
         hands: bool = True,
         period: float = 0.01,
     ) -> None:
-        self._line, self._hands = make_line(line), hands
-        self._wheelbase, self._limit = vehicle.geometry.wheelbase, vehicle.geometry.steering_limit
-        self._ahead, self._understeer, self._damping = ahead, max(understeer, 0.0), damping
-        self._frequency = check_number("PathDriver", "frequency", frequency, unit="rad/s", above=0.0)
-        self._preview, self._integral, self._course = preview, integral, course
-        self._index: int | None = None
-        self._time, self._sum = -math.inf, 0.0
+        self.line = make_line(line)
+        self.numbers = LineNumbers(
+            wheelbase=vehicle.geometry.wheelbase,
+            limit=vehicle.geometry.steering_limit,
+            ahead=ahead,
+            understeer=max(understeer, 0.0),
+            frequency=check_number("PathDriver", "frequency", frequency, unit="rad/s", above=0.0),
+            damping=damping,
+            preview=preview,
+            integral=integral,
+            course=course,
+            hands=hands,
+        )
+        self._memory = list(LINE_MEMORY)
         super().__init__(speeds=speeds, pedals=pedals, held=held, period=period)
 
     def _steer(self, time: float, state: list[float]) -> float:
-        if not self._hands:
+        if not self.numbers.hands:
             return 0.0
         x, y, yaw, vx, vy, rate = state[0], state[1], state[5], state[6], state[7], state[11]
-        # Time that goes back means a new run with the same driver: forget the station and the integral.
-        elapsed = time - self._time
-        if elapsed < 0.0:
-            self._index, self._sum = None, 0.0
-        self._time = time
+        return steer_along(self.numbers, self.line.table, self._memory, 0, time, x, y, yaw, vx, vy, rate)
 
-        # Lateral error of the point ahead, and the line there and where the steering will act.
-        ahead, preview, wheelbase = self._ahead, self._preview, self._wheelbase
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        self._index, s, offset = self._line.project(x + ahead * cos, y + ahead * sin, near=self._index)
-        speed = max(math.hypot(vx, vy), _LEAST_SPEED)
-        heading, curvature = self._line.at(s)
-        # Curvature where the vehicle will be when the steering acts: the preview compensates its delay.
-        _, curvature_ahead = self._line.at(s + speed * preview)
 
-        # The yaw rate error acts on the steering without delay: its share is limited, or a slow car would oscillate.
-        # L + K v² is steering per curvature: v / (L + K v²) is the steady yaw-rate gain of the single-track model.
-        reach = wheelbase + self._understeer * speed**2
-        # ω of at most v / L keeps the lever ℓ = 2 ζ v / ω at 2 ζ L or more at low speed.
-        omega = min(self._frequency, speed / wheelbase)
-        max_feedback = _YAW_RATE_FEEDBACK[0] + _YAW_RATE_FEEDBACK[1] * speed / math.sqrt(GRAVITY * wheelbase)
-        # The limit bounds the loop gain of the yaw rate, which the steering changes directly: 2 ζ ω (ahead / v + τ).
-        share = min(1.0, max_feedback / (2.0 * self._damping * omega * (abs(ahead) / speed + preview)))
-        turning = (rate - speed * curvature) * share
-        # Velocity of the point across the vehicle, with the yaw rate of the line and the share of the error.
-        sideways = vy + ahead * (speed * curvature + turning)  # of the point that follows the line
-        # Between heading (course = 0) and direction of motion (course = 1) of the point.
-        direction = yaw + self._course * math.atan2(sideways, max(vx, _LEAST_SPEED))
-        # The remainder is in [-π, π]: lines of several laps have headings beyond that. The prediction looks ahead by τ.
-        error = math.remainder(direction - heading, 2.0 * math.pi) + turning * preview
+def steer_along(
+    numbers: LineNumbers,
+    line: Array,
+    memory: MutableSequence[float],
+    at: int,
+    time: float,
+    x: float,
+    y: float,
+    yaw: float,
+    vx: float,
+    vy: float,
+    rate: float,
+) -> float:
+    """Return the bicycle angle [rad] of a driver on a line; the law in the head of the module.
 
-        # Feedforward and feedback; a long pause, as between two runs, does not count for the integral.
-        gain, lever = omega**2 * reach / speed**2, 2.0 * self._damping * speed / omega
-        if 0.0 < elapsed < 1.0:
-            # The integral removes the steady error of the feedforward; it is clamped at the steering limit against
-            # windup.
-            self._sum = min(max(self._sum + self._integral * gain * offset * elapsed, -self._limit), self._limit)
-        # Signs of ISO 8855: an offset to the left needs steering to the right.
-        angle = math.atan(reach * curvature_ahead) - gain * (offset + lever * math.sin(error)) - self._sum
-        return float(min(max(angle, -self._limit), self._limit))
+    Args:
+        numbers: settings of the driver.
+        line: table of the line.
+        memory: :data:`LINE_MEMORY`, changed.
+        at: its start in a longer memory.
+        time: present time [s].
+        x: position of the rear axle's centre [m].
+        y: the same [m].
+        yaw: heading [rad].
+        vx: velocity ahead [m/s].
+        vy: velocity to the left [m/s].
+        rate: yaw rate [rad/s].
+    """
+    # Time that goes back means a new run with the same driver: forget the station and the integral.
+    elapsed = time - memory[at + 1]
+    if elapsed < 0.0:
+        memory[at], memory[at + 2] = -1.0, 0.0
+    memory[at + 1] = time
+
+    # Lateral error of the point ahead, and the line there and where the steering will act.
+    ahead, preview, wheelbase = numbers.ahead, numbers.preview, numbers.wheelbase
+    index, s, offset = project_line(line, x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), int(memory[at]))
+    memory[at] = float(index)
+    speed = max(math.hypot(vx, vy), _LEAST_SPEED)
+    heading, curvature = line_at(line, s)
+    # Curvature where the vehicle will be when the steering acts: the preview compensates its delay.
+    curvature_ahead = line_at(line, s + speed * preview)[1]
+
+    # The yaw rate error acts on the steering without delay: its share is limited, or a slow car would oscillate.
+    # L + K v² is steering per curvature: v / (L + K v²) is the steady yaw-rate gain of the single-track model.
+    reach = wheelbase + numbers.understeer * speed**2
+    # ω of at most v / L keeps the lever ℓ = 2 ζ v / ω at 2 ζ L or more at low speed.
+    omega = min(numbers.frequency, speed / wheelbase)
+    max_feedback = _LEAST_FEEDBACK + _FEEDBACK_SLOPE * speed / math.sqrt(GRAVITY * wheelbase)
+    # The limit bounds the loop gain of the yaw rate, which the steering changes directly: 2 ζ ω (ahead / v + τ).
+    share = min(1.0, max_feedback / (2.0 * numbers.damping * omega * (abs(ahead) / speed + preview)))
+    turning = (rate - speed * curvature) * share
+    # Velocity of the point across the vehicle, with the yaw rate of the line and the share of the error.
+    sideways = vy + ahead * (speed * curvature + turning)  # of the point that follows the line
+    # Between heading (course = 0) and direction of motion (course = 1) of the point.
+    direction = yaw + numbers.course * math.atan2(sideways, max(vx, _LEAST_SPEED))
+    # The wrapped angle is in [-π, π]: lines of several laps have headings beyond that. The prediction looks ahead by τ.
+    error = wrap_angle(direction - heading) + turning * preview
+
+    # Feedforward and feedback; a long pause, as between two runs, does not count for the integral.
+    gain, lever = omega**2 * reach / speed**2, 2.0 * numbers.damping * speed / omega
+    limit = numbers.limit
+    if 0.0 < elapsed < 1.0:
+        # The integral removes the steady error of the feedforward; it is clamped at the steering limit against windup.
+        memory[at + 2] = min(max(memory[at + 2] + numbers.integral * gain * offset * elapsed, -limit), limit)
+    # Signs of ISO 8855: an offset to the left needs steering to the right.
+    angle = math.atan(reach * curvature_ahead) - gain * (offset + lever * math.sin(error)) - memory[at + 2]
+    return min(max(angle, -limit), limit)
+
+
+STEERING_PARTS = (steer_along, project_line, line_at)
+"""Functions that can be compiled."""

@@ -11,42 +11,40 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import yaml
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.scene import Scene
-from mirdrake.controllers.drivers import OwnDriverSpec
+from mirdrake.batched.control import COMMANDS, STATUS
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Array, Diverged
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.record import Record, bicycle_angles
+from mirdrake.manoeuvres.reduced import (
+    RATE,
+    STOP_SAMPLES,
+    ReducedCar,
+    ReducedLog,
+    ReducedParameters,
+    ReducedRun,
+    Stop,
+    alone,
+)
 from mirdrake.runs.logs import RunWriter
 from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
-from mirdrake.single_track import SingleTrack, SingleTrackControl
-from mirdrake.single_track.dynamics import Variant
-from mirdrake.single_track.from_vehicle import estimate_parameters, tyres_of
-from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import World
 from mirdrake.worlds.loading import make_world
 from mirdrake.worlds.world import SURFACE_MU
 
 Model = Literal["full", "single_track"]
-Stop = Callable[[float, Sequence[float]], str | None]
-"""Stop condition: function of time [s] and state (12) of the vehicle that returns why the run ends, or None."""
-
 STANDSTILL = "standstill"
 """Stop detail of a run that ends at standstill; signals.parquet ends with the last sample before it."""
 
-RATE = 200.0
-"""Rate of the logs [Hz]: a steering that moves for a tenth of a second needs it."""
-
-_STOP_PERIOD = 0.05
+_STOP_PERIOD = STOP_SAMPLES / RATE
 """Time between two evaluations of the stop condition [s]."""
 
 _EXTENT = 20_000.0
@@ -88,6 +86,9 @@ class Rig:
         report: called with the name of each run before it starts.
         records: all runs so far.
         arguments: xacro arguments of the vehicle.
+        changes: parameters of the single-track model in place of those of the vehicle, by name.
+        gains: gains of its control unit in place of those of control.yaml, by name, as ``speed.kp``.
+        simulate: simulates a run of the single-track model; by default alone, as a batch of one car.
     """
 
     model: str
@@ -101,6 +102,9 @@ class Rig:
     report: Callable[[str], None] = lambda _: None
     records: list[Record] = field(default_factory=list)
     arguments: Mapping[str, str] = field(default_factory=dict)
+    changes: Mapping[str, float] = field(default_factory=dict)
+    gains: Mapping[str, float] = field(default_factory=dict)
+    simulate: Callable[[ReducedRun], ReducedLog] = field(default_factory=lambda: alone(ReducedParameters()))
 
     @property
     def pedals(self) -> bool:
@@ -252,82 +256,35 @@ class Rig:
     ) -> Record:
         begin = time.perf_counter()
         scene: World = make_world(dict(world))
-        # Roll only with a suspension: the parameters with roll need its stiffness.
-        roll = self.vehicle.spec.suspension is not None
-        parameters = estimate_parameters(
-            self.vehicle, friction=self.friction, gravity=[float(part) for part in scene.ground.gravity], roll=roll
-        )
-        builder = DiagramBuilder()
-        # Vehicle, control unit, powertrain and driver, connected as in a diagram with the full plant.
-        variant = Variant(tyres_of(self.vehicle), relaxation=True, actuators=True, roll=roll)
-        model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
-        mass, rotating = parameters.mass, parameters.rotating_mass
-        control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=mass, rotating=rotating))
-        pilot = OwnDriverSpec.model_validate(dict(driver)).make_system(self.vehicle, scene, where=label)
-        builder.AddNamedSystem("driver", pilot)
-        builder.Connect(control.steering, model.steering)
-        if self.pedals:
-            law = make_single_track_law(self.vehicle, mass=mass, rotating=rotating)
-            powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
-            # The driver's pedals have precedence; without them those of the speed control.
-            pedals = pilot.GetOutputPort("pedals") if pilot.HasOutputPort("pedals") else control.pedals
-            builder.Connect(pedals, powertrain.pedals)
-            builder.Connect(model.state, powertrain.state)
-            builder.Connect(powertrain.forces, model.forces)
-        else:
-            builder.Connect(control.forces, model.forces)
-        for port in (control.state, pilot.GetInputPort("state")):
-            builder.Connect(model.state, port)
-        builder.Connect(model.steering_angle, control.steering_angle)
-        builder.Connect(pilot.GetOutputPort("command"), control.command)
-        ports = (model.state, model.steering_angle, control.status, pilot.GetOutputPort("command"))
-        # Logged at the same rate as the full plant, so that the same filters and windows apply.
-        logs = [LogVectorOutput(port, builder, publish_period=1.0 / RATE) for port in ports]
-        diagram = builder.Build()
-        simulator = Simulator(diagram)
-        context = simulator.get_mutable_context()
-        # Only the speed is set; Initialize computes control outputs for it, so that a run starts in steady motion.
-        model.set_state(model.GetMyContextFromRoot(context), x=start[0], y=start[1], vx=speed)
-        monitor = _StopMonitor(stop, lambda context: model.state.Eval(model.GetMyContextFromRoot(context)).tolist())
-        # Drake's monitor ends the simulation by its status; the reason is kept for the record.
-        simulator.set_monitor(
-            lambda context: (
-                EventStatus.ReachedTermination(model, monitor.reason) if monitor(context) else EventStatus.DidNothing()
+        gravity = [float(part) for part in scene.ground.gravity]
+        log = self.simulate(
+            ReducedRun(
+                label=label,
+                car=ReducedCar(self.vehicle, self.changes, self.gains),
+                friction=self.friction,
+                gravity=(gravity[0], gravity[1], gravity[2]),
+                driver=driver,
+                x=start[0],
+                y=start[1],
+                speed=speed,
+                duration=duration,
+                stop=stop,
             )
         )
-        try:
-            simulator.Initialize()
-            simulator.AdvanceTo(duration)
-        except Exception as error:  # whatever a step may raise
-            raise Diverged(f"{label}: {str(error).splitlines()[0]}") from None
-
-        # The signals, with the names of those of the full plant.
-        state, steering, status, command = (log.FindLog(context) for log in logs)
-        times = state.sample_times().copy()
-        columns = {signal.name: row for signal, row in zip(STATE, state.data(), strict=True)}
-        units = {"time": "s"} | {signal.name: signal.unit for signal in STATE}
-        columns["steering_angle"], units["steering_angle"] = steering.data()[0], "rad"
-        for name, unit, row in zip(
-            ("speed_setpoint", "steering_setpoint", "speed_trim", "speed_command", "steering_command"),
-            ("m/s", "rad", "m/s", "m/s", "rad"),
-            (*status.data(), *command.data()[:2]),
-            strict=True,
-        ):
-            columns[name], units[name] = row, unit
-        # The single-track model has no check of its own for numbers that are not finite.
-        if not all(np.isfinite(values).all() for values in columns.values()):
-            raise Diverged(f"{label}: a state is not finite")
+        columns = dict(log.columns)
+        units = {"time": "s", "steering_angle": "rad"} | {signal.name: signal.unit for signal in STATE}
+        units |= {signal.name: signal.unit for signal in (*STATUS, *COMMANDS)}
         if self.folder is not None:
-            table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=times)
+            table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=log.time)
             # The time column belongs to all vehicles and has no prefix.
             named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
             data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
-            reason = StopReason.DURATION if monitor.reason == "duration" else StopReason.CONDITION
-            detail = "" if reason is StopReason.DURATION else monitor.reason
+            reason = StopReason.DURATION if log.reason == "duration" else StopReason.CONDITION
+            detail = "" if reason is StopReason.DURATION else log.reason
             summary = {"stop_reason": reason, "stop_detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
             _write(self.folder / label, data, table, named, summary, world, Scene(scene, {"ego": self.vehicle}))
         angle = columns.pop("steering_angle")
-        return self._record(label, times, columns, angle, units, monitor.reason)
+        return self._record(label, log.time, columns, angle, units, log.reason)
 
     # --- both -------------------------------------------------------------------------------------------------------
 

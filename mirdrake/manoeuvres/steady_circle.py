@@ -21,7 +21,8 @@ from mirdrake.manoeuvres.metrics.steady import (
 )
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.record import Record
-from mirdrake.manoeuvres.rig import Rig, Stop
+from mirdrake.manoeuvres.reduced import Stop
+from mirdrake.manoeuvres.rig import Rig
 
 SIDES: dict[str, float] = {"left": 1.0, "right": -1.0}
 

@@ -1,11 +1,15 @@
 """Powertrain and brakes of the single-track model: the laws of the full vehicle, on wheels that roll without slip."""
 
+from collections.abc import MutableSequence
+
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import STATE
 from mirdrake.plant.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
+from mirdrake.plant.powertrain.brakes import driven_rate, split_drive
+from mirdrake.plant.powertrain.law import PowertrainNumbers, pedal_torques
 from mirdrake.plant.powertrain.system import RATE
 from mirdrake.single_track.signals import FORCES
 from mirdrake.vehicles import Vehicle
@@ -31,6 +35,35 @@ def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> 
         rotating=rotating,
         period=1.0 / RATE,
     )
+
+
+def road_forces(
+    numbers: PowertrainNumbers,
+    radii: tuple[float, float, float, float],
+    memory: MutableSequence[float],
+    throttle: float,
+    brake: float,
+    gear: float,
+    speed: float,
+) -> tuple[float, float]:
+    """Advance the powertrain by a step and return drive and brake force at the road [N].
+
+    Args:
+        numbers: numbers of the powertrain.
+        radii: radii of the wheels [m].
+        memory: its memory, changed.
+        throttle: pedal position [1].
+        brake: pedal position [1].
+        gear: 1 drive, 0 neutral, -1 reverse.
+        speed: speed of the vehicle [m/s].
+    """
+    # All wheels roll without slip, so each has the speed of the vehicle over its own radius.
+    rates = (speed / radii[0], speed / radii[1], speed / radii[2], speed / radii[3])
+    found = pedal_torques(numbers, memory, 0, throttle, brake, gear, driven_rate(rates, numbers.shares), False)
+    drives = split_drive(min(max(found.gear, -1.0), 1.0) * found.torque, numbers.shares)
+    drive = drives[0] / radii[0] + drives[1] / radii[1] + drives[2] / radii[2] + drives[3] / radii[3]
+    brakes = found.brakes
+    return drive, brakes[0] / radii[0] + brakes[1] / radii[1] + brakes[2] / radii[2] + brakes[3] / radii[3]
 
 
 class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]

@@ -113,8 +113,10 @@ class ForceLimits(NamedTuple):
 
     minimum: float
     maximum: float
-    rate: float = math.inf
+    rate: float
 
+
+_EMPTY = PidState()
 
 ThrottleLimits = Callable[[Any, float, float, float], tuple[float, float]]
 """(powertrain, gear, spin rate [rad/s], 0) -> drive torque with the throttle closed and open [N m]."""
@@ -207,12 +209,12 @@ def pedal_step(
     # At standstill the brake holds the vehicle, or the gear changes.
     standing = abs(speed) < numbers.hold_speed
     if setpoint == 0.0 and standing:
-        write_pid(memory, at + 1, PidState())
+        write_pid(memory, at + 1, _EMPTY)
         return PedalPositions(0.0, numbers.hold, gear)
     # A set-point in the other direction changes the gear only at standstill; the integral starts anew.
     if setpoint * gear < 0.0 and standing:
         gear = -gear
-        write_pid(memory, at + 1, PidState())
+        write_pid(memory, at + 1, _EMPTY)
     memory[at] = gear
 
     # Force at the wheels, limited to what engine and brakes can give.
@@ -227,7 +229,7 @@ def pedal_step(
         along,
         gains,
         numbers.period,
-        ForceLimits((min(closed, opened) - numbers.max_brake) / radius, max(closed, opened) / radius),
+        ForceLimits((min(closed, opened) - numbers.max_brake) / radius, max(closed, opened) / radius, math.inf),
         numbers.inertia * gear * slope + resistance,
     )
     write_pid(memory, at + 1, loop)

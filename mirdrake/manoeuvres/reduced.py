@@ -1,0 +1,266 @@
+"""Runs of manoeuvres with the single-track model, many at once as one batch of cars."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from mirdrake.batched import STEP, Batch, BatchControl
+from mirdrake.batched.arrays import Floats
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.vectors import STATE
+from mirdrake.manoeuvres.base import Diverged
+from mirdrake.manoeuvres.pilots import PERIOD, PILOTING, make_pilots
+from mirdrake.plant.powertrain.system import RATE as POWERTRAIN_RATE
+from mirdrake.single_track.dynamics import Variant
+from mirdrake.single_track.from_vehicle import estimate_parameters, tyres_of
+from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
+from mirdrake.vehicles import Vehicle
+
+Stop = Callable[[float, Sequence[float]], str | None]
+"""Stop condition: function of time [s] and state (12) of the vehicle that returns why the run ends, or None."""
+
+RATE = 200.0
+"""Rate of the logs [Hz]: a steering that moves for a tenth of a second needs it."""
+
+STOP_SAMPLES = 10
+"""Samples between two evaluations of the stop condition."""
+
+_CHUNK = 1.0
+"""Simulated time between two looks at which runs have ended [s]."""
+
+_STATUS = ("speed_setpoint", "steering_setpoint", "speed_trim", "speed_command", "steering_command")
+_OUTPUTS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steering", *_STATUS, "drive_force", "brake_force")
+
+
+@dataclass(frozen=True)
+class ReducedCar:
+    """Single-track model of a vehicle.
+
+    Attributes:
+        vehicle: the vehicle.
+        changes: parameters of the model in place of those of the vehicle, by name; its control unit does not know them.
+        gains: gains of the control unit in place of those of control.yaml, by name, as ``speed.kp``.
+    """
+
+    vehicle: Vehicle
+    changes: Mapping[str, float]
+    gains: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class ReducedRun:
+    """A run that is to be simulated.
+
+    Attributes:
+        label: name of the run.
+        car: the car.
+        friction: friction of the road [1].
+        gravity: gravity in the world [m/s²].
+        driver: driver, as under ``control`` of a diagram file.
+        x: position of the start [m].
+        y: position of the start [m].
+        speed: speed at the start [m/s].
+        duration: longest simulated time [s].
+        stop: stop condition.
+    """
+
+    label: str
+    car: ReducedCar
+    friction: float
+    gravity: tuple[float, float, float]
+    driver: Mapping[str, Any]
+    x: float
+    y: float
+    speed: float
+    duration: float
+    stop: Stop | None
+
+
+@dataclass(frozen=True)
+class ReducedLog:
+    """Signals of a run.
+
+    Attributes:
+        time: times of the samples (n) [s].
+        columns: signals (n) by the names that they have in runs of the full plant, and ``steering_angle`` [rad].
+        reason: why the run ended.
+    """
+
+    time: Floats
+    columns: dict[str, Floats]
+    reason: str
+
+
+class ReducedParameters:
+    """Parameters of single-track models; those of a vehicle are measured on its model once for each road."""
+
+    def __init__(self) -> None:
+        # Vehicles are kept with their parameters, so that the id of one is not that of another one later.
+        self._known: dict[tuple[int, float, tuple[float, ...]], tuple[Vehicle, SingleTrackParameters]] = {}
+
+    def find(self, vehicle: Vehicle, friction: float, gravity: tuple[float, float, float]) -> SingleTrackParameters:
+        """Return the parameters of a vehicle on a road."""
+        key = id(vehicle), friction, gravity
+        if key not in self._known:
+            parameters = estimate_parameters(vehicle, friction=friction, gravity=gravity, roll=has_roll(vehicle))
+            self._known[key] = vehicle, parameters
+        return self._known[key][1]
+
+
+def has_roll(vehicle: Vehicle) -> bool:
+    """Return whether the model of a vehicle rolls: parameters with roll need a suspension."""
+    return vehicle.spec.suspension is not None
+
+
+def check_changes(changes: Mapping[str, float]) -> None:
+    """Check the names of changed parameters.
+
+    Raises:
+        ConfigError: the single-track model has no such parameter.
+    """
+    for name in changes:
+        if name not in PARAMETERS:
+            raise ConfigError(f"single_track.{name}: no such parameter; {did_you_mean(name, PARAMETERS)}")
+
+
+def simulate(runs: Sequence[ReducedRun], known: ReducedParameters) -> list[ReducedLog | Diverged]:
+    """Simulate runs of one vehicle, all as one batch; the result of a run does not depend on the others.
+
+    Args:
+        runs: the runs; their cars have the same vehicle.
+        known: parameters that are kept.
+
+    Returns:
+        The log of each run, or why it diverged.
+
+    Raises:
+        ConfigError: a parameter, a gain or a setting of a driver is out of range.
+    """
+    vehicle = runs[0].car.vehicle
+    control = _make_control(runs, vehicle, known)
+    pilots = make_pilots([run.driver for run in runs], vehicle, [run.duration for run in runs])
+    # Ticks of the logs in a control period; a chunk is a whole number of both.
+    every = round(1.0 / (RATE * control.cars.step_time))
+    samples_per_period = Fraction(round(control.period / control.cars.step_time), every)
+    periods = samples_per_period.denominator * max(round(_CHUNK / control.period / samples_per_period.denominator), 1)
+    watches = [_Watch(run, float(control.cars.parameters["rear_length"][k])) for k, run in enumerate(runs)]
+    while any(watch.runs for watch in watches):
+        chunk = control.drive(
+            PILOTING, pilots, PERIOD, periods=periods, outputs=_OUTPUTS + _roll_output(control), every=every
+        )
+        for k, watch in enumerate(watches):
+            if watch.runs:
+                watch.add(chunk.values[k], control.cars.diverged[k].item())
+            # A run that has ended costs no more time; its car counts as diverged for the batch.
+            control.cars.diverged[k] = not watch.runs
+    names = _OUTPUTS + _roll_output(control)
+    return [watch.result(names) for watch in watches]
+
+
+def alone(known: ReducedParameters) -> Callable[[ReducedRun], ReducedLog]:
+    """Return a function that simulates a run as a batch of one car.
+
+    Args:
+        known: parameters that are kept.
+    """
+
+    def simulate_one(run: ReducedRun) -> ReducedLog:
+        (result,) = simulate([run], known)
+        if isinstance(result, Diverged):
+            raise result
+        return result
+
+    return simulate_one
+
+
+def _roll_output(control: BatchControl) -> tuple[str, ...]:
+    return ("roll", "roll_rate") if control.cars.variant.roll else ()
+
+
+def _make_control(runs: Sequence[ReducedRun], vehicle: Vehicle, known: ReducedParameters) -> BatchControl:
+    """Return the cars at their starts with their control units."""
+    own = [known.find(vehicle, run.friction, run.gravity) for run in runs]
+    rows = []
+    for run, parameters in zip(runs, own, strict=True):
+        check_changes(run.car.changes)
+        rows.append(replace(parameters, **run.car.changes).values())
+    # Parameters that differ from those of the first car's vehicle.
+    table, nominal = np.array(rows), np.array(own[0].values())
+    columns = {name: table[:, k] for k, name in enumerate(PARAMETERS) if (table[:, k] != nominal[k]).any()}
+    gains: dict[str, Floats] = {}
+    for name in runs[0].car.gains:
+        gains[name] = np.array([run.car.gains[name] for run in runs])
+
+    # The longest step that divides the periods of all events.
+    rate = Fraction(vehicle.control.rate).limit_denominator(1000)
+    base = 1.0 / float(np.lcm.reduce([rate.numerator, round(1.0 / PERIOD), round(POWERTRAIN_RATE), round(RATE)]))
+    step = base / math.ceil(base / STEP - 1e-9)
+    variant = Variant(tyres_of(vehicle), relaxation=True, actuators=True, roll=has_roll(vehicle))
+    cars = Batch(own[0], variant, columns=columns, count=len(runs), step=step)
+    start = {name: np.array([getattr(run, name) for run in runs]) for name in ("x", "y")}
+    # Only the speed is set; the control unit starts from it, so that a run starts in steady motion.
+    cars.reset(**start, vx=np.array([run.speed for run in runs]))
+    return BatchControl(cars, vehicle, gains=gains)
+
+
+class _Watch:
+    """Collects the samples of a run until it ends.
+
+    Attributes:
+        runs: whether the run has not ended.
+    """
+
+    def __init__(self, run: ReducedRun, rear_length: float) -> None:
+        self.runs = True
+        self._run, self._rear_length = run, rear_length
+        self._parts: list[Floats] = []
+        self._count, self._last = 0, int(run.duration * RATE + 1e-6)
+        self._reason = "duration"
+        self._diverged = False
+
+    def add(self, rows: Floats, diverged: bool) -> None:
+        """Add the samples of a chunk (samples, outputs)."""
+        rows = rows[: self._last + 1 - self._count]
+        if diverged and not np.isfinite(rows).all():
+            self._diverged, self.runs = True, False
+            # The run may have ended before.
+            rows = rows[np.isfinite(rows).all(axis=1)]
+        if self._run.stop is not None:
+            first = -self._count % STOP_SAMPLES
+            states = self._states(rows[first::STOP_SAMPLES]).T.tolist()
+            for number, state in enumerate(states):
+                sample = first + number * STOP_SAMPLES
+                reason = self._run.stop((self._count + sample) / RATE, state)
+                if reason is not None:
+                    self._reason, self._diverged, self.runs = reason, False, False
+                    rows = rows[: sample + 1]
+                    break
+        self._parts.append(rows.copy())
+        self._count += len(rows)
+        if self._count > self._last:
+            self.runs = False
+
+    def _states(self, rows: Floats) -> Floats:
+        """Return the state of the vehicle (12, samples), as an output port has it."""
+        x, y, yaw, vx, vy, rate = rows[:, :6].T
+        zero = np.zeros_like(x)
+        roll, roll_rate = rows[:, len(_OUTPUTS) :].T if rows.shape[1] > len(_OUTPUTS) else (zero, zero)
+        # In [-π, π], as that of the full vehicle; the velocity is that of the rear axle's centre.
+        wrapped = np.remainder(yaw + math.pi, 2.0 * math.pi) - math.pi
+        return np.array(
+            [x, y, zero, roll, zero, wrapped, vx, vy - self._rear_length * rate, zero, roll_rate, zero, rate]
+        )
+
+    def result(self, names: Sequence[str]) -> "ReducedLog | Diverged":
+        """Return the log, or why the run diverged."""
+        if self._diverged:
+            return Diverged(f"{self._run.label}: a state is not finite")
+        rows = np.concatenate(self._parts)
+        columns = {signal.name: row for signal, row in zip(STATE, self._states(rows), strict=True)}
+        columns["steering_angle"] = rows[:, names.index("steering")]
+        columns |= {name: rows[:, names.index(name)] for name in _STATUS}
+        return ReducedLog(np.arange(len(rows)) / RATE, columns, self._reason)
