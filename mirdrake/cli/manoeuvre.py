@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", choices=("full", "single_track"), default="full", help="the full plant or the reduced model"
     )
-    add_set(parser, "step_steer.speed='80 km/h', friction=0.5 or plant.time_step=0.002")
+    add_set(parser, "step_steer.speed='80 km/h', friction=0.5, plant.time_step=0.002 or single_track.mass=1700")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/<vehicle>-handling-<UTC time>)")
     add_quiet(parser)
 
@@ -86,6 +86,8 @@ def run(options: argparse.Namespace) -> int:
             plant=settings.plant.model_dump(exclude_unset=True),
             friction=settings.friction,
             seed=settings.seed,
+            changes=settings.single_track,
+            gains=settings.flat_gains(),
             folder=folder,
             report=lambda label: progress.update(text=label),
         )

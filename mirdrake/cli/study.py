@@ -34,7 +34,13 @@ A study file:
   sampling: {kind: sobol, runs: 64}            or grid, list, random, latin_hypercube
   metrics: [ego.distance_m, ego.mean_speed_error_percent]
   duration: 20 s
-  model: single_track                          optional: thousands of runs in seconds, without contact and suspension"""
+  model: single_track                          optional: thousands of runs in seconds, without contact and suspension
+
+A study of a manoeuvre has, in place of a diagram, and with figures of the manoeuvre as metrics:
+  manoeuvre: step_steer
+  vehicle: bolt@handling
+  parameters: {single_track.mass: {low: 1400, high: 1900}, friction: {low: 0.5, high: 0.9}}
+  metrics: [yaw_response, yaw_overshoot]"""
 
 _MOST_ROWS = 12  # of the table
 _LONGEST_REASON = 60  # characters
@@ -85,6 +91,9 @@ def run(options: argparse.Namespace) -> int:
 def _print(result: "StudyResult") -> None:
     counts = ", ".join(f"{count} {status}" for status, count in result.counts.items() if count)
     print(f"{result.arrow.num_rows} of {result.runs} runs: {counts or 'none'}")
+    if "verdict" in result.table:
+        verdicts = result.table["verdict"].value_counts()
+        print(", ".join(f"{verdict}: {count}" for verdict, count in verdicts.items() if verdict))
     if result.model == "single_track":
         print("single-track model: run the best candidates again with model: plant")
     # Columns that say nothing about this study would push the others off the screen.

@@ -64,6 +64,7 @@ class Outcome:
         reason: one line; empty if ok.
         simulated: simulated time [s].
         metrics: values of the metrics; empty unless ok.
+        verdict: of a manoeuvre.
     """
 
     index: int
@@ -71,6 +72,7 @@ class Outcome:
     reason: str = ""
     simulated: float = math.nan
     metrics: tuple[float, ...] = ()
+    verdict: str = ""
 
 
 @dataclass

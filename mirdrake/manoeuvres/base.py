@@ -147,6 +147,7 @@ class Outcome:
         used: settings as they were used.
         notes: remarks for the reader of the report.
         runs: labels of the simulations, which are the names of their folders.
+        simulated: simulated time of all runs [s].
         wall: wall time [s].
     """
 
@@ -160,6 +161,7 @@ class Outcome:
     used: list[SettingRecord] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     runs: list[str] = field(default_factory=list)
+    simulated: float = 0.0
     wall: float = 0.0
 
     def add(

@@ -1,10 +1,13 @@
 """Figures of a vehicle that manoeuvres need: size, mass, steering, top speed."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters, understeer_gradient
+from mirdrake.single_track.parameters import PARAMETERS
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.outline import measure_outline
 
@@ -64,6 +67,24 @@ class Facts:
     top_speed: float
 
     scale: float
+
+    def with_parameters(self, changes: Mapping[str, float]) -> "Facts":
+        """Return the figures of the vehicle with other parameters of its single-track model, by name.
+
+        Raises:
+            ConfigError: there is no such parameter, or a value is out of range.
+        """
+        for name in changes:
+            if name not in PARAMETERS:
+                raise ConfigError(f"single_track.{name}: no such parameter; {did_you_mean(name, PARAMETERS)}")
+        parameters = replace(self.parameters, **changes)
+        return replace(
+            self,
+            parameters=parameters,
+            mass=parameters.mass,
+            ahead=parameters.rear_length,
+            wheelbase=parameters.wheelbase,
+        )
 
     @property
     def understeer(self) -> float:

@@ -10,7 +10,6 @@ import numpy as np
 
 from mirdrake.batched import STEP, Batch, BatchControl
 from mirdrake.batched.arrays import Floats
-from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.pilots import PERIOD, PILOTING, make_pilots
@@ -116,23 +115,15 @@ def has_roll(vehicle: Vehicle) -> bool:
     return vehicle.spec.suspension is not None
 
 
-def check_changes(changes: Mapping[str, float]) -> None:
-    """Check the names of changed parameters.
-
-    Raises:
-        ConfigError: the single-track model has no such parameter.
-    """
-    for name in changes:
-        if name not in PARAMETERS:
-            raise ConfigError(f"single_track.{name}: no such parameter; {did_you_mean(name, PARAMETERS)}")
-
-
-def simulate(runs: Sequence[ReducedRun], known: ReducedParameters) -> list[ReducedLog | Diverged]:
+def simulate(
+    runs: Sequence[ReducedRun], known: ReducedParameters, *, longest_step: float = STEP
+) -> list[ReducedLog | Diverged]:
     """Simulate runs of one vehicle, all as one batch; the result of a run does not depend on the others.
 
     Args:
         runs: the runs; their cars have the same vehicle.
         known: parameters that are kept.
+        longest_step: longest step of the integration [s].
 
     Returns:
         The log of each run, or why it diverged.
@@ -141,7 +132,7 @@ def simulate(runs: Sequence[ReducedRun], known: ReducedParameters) -> list[Reduc
         ConfigError: a parameter, a gain or a setting of a driver is out of range.
     """
     vehicle = runs[0].car.vehicle
-    control = _make_control(runs, vehicle, known)
+    control = _make_control(runs, vehicle, known, longest_step)
     pilots = make_pilots([run.driver for run in runs], vehicle, [run.duration for run in runs])
     # Ticks of the logs in a control period; a chunk is a whole number of both.
     every = round(1.0 / (RATE * control.cars.step_time))
@@ -181,24 +172,28 @@ def _roll_output(control: BatchControl) -> tuple[str, ...]:
     return ("roll", "roll_rate") if control.cars.variant.roll else ()
 
 
-def _make_control(runs: Sequence[ReducedRun], vehicle: Vehicle, known: ReducedParameters) -> BatchControl:
+def _make_control(
+    runs: Sequence[ReducedRun], vehicle: Vehicle, known: ReducedParameters, longest_step: float
+) -> BatchControl:
     """Return the cars at their starts with their control units."""
     own = [known.find(vehicle, run.friction, run.gravity) for run in runs]
     rows = []
     for run, parameters in zip(runs, own, strict=True):
-        check_changes(run.car.changes)
         rows.append(replace(parameters, **run.car.changes).values())
     # Parameters that differ from those of the first car's vehicle.
     table, nominal = np.array(rows), np.array(own[0].values())
     columns = {name: table[:, k] for k, name in enumerate(PARAMETERS) if (table[:, k] != nominal[k]).any()}
-    gains: dict[str, Floats] = {}
-    for name in runs[0].car.gains:
-        gains[name] = np.array([run.car.gains[name] for run in runs])
+    # A gain that only some cars have differently is that of control.yaml for the others.
+    loop, wheel = vehicle.control.speed, vehicle.control.wheel_speed
+    usual = {"speed.kp": loop.kp, "speed.ki": loop.ki}
+    usual |= {f"wheel_speed.{name}": value for name, value in zip(wheel.gains, wheel.gain_values(), strict=True)}
+    names = sorted({name for run in runs for name in run.car.gains})
+    gains = {name: np.array([run.car.gains.get(name, usual.get(name, 0.0)) for run in runs]) for name in names}
 
     # The longest step that divides the periods of all events.
     rate = Fraction(vehicle.control.rate).limit_denominator(1000)
     base = 1.0 / float(np.lcm.reduce([rate.numerator, round(1.0 / PERIOD), round(POWERTRAIN_RATE), round(RATE)]))
-    step = base / math.ceil(base / STEP - 1e-9)
+    step = base / math.ceil(base / longest_step - 1e-9)
     variant = Variant(tyres_of(vehicle), relaxation=True, actuators=True, roll=has_roll(vehicle))
     cars = Batch(own[0], variant, columns=columns, count=len(runs), step=step)
     start = {name: np.array([getattr(run, name) for run in runs]) for name in ("x", "y")}

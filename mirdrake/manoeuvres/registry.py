@@ -47,6 +47,18 @@ class _Common(Schema):
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact of the full plant [-]")
     friction: float = Field(0.85, gt=0.0, le=2.0, description="friction of the road; 0.85 is dry asphalt [-]")
     seed: int = Field(0, ge=0, description="seed of random steering [-]")
+    single_track: dict[str, float] = Field(
+        default_factory=dict,
+        description="parameters of the single-track model, in place of the vehicle's, by name [SI]",
+    )
+    gains: dict[str, dict[str, float]] = Field(
+        default_factory=dict,
+        description="gains of its control unit: speed.kp, wheel_speed.kp, ... [as in control.yaml]",
+    )
+
+    def flat_gains(self) -> dict[str, float]:
+        """Return the gains by dotted name."""
+        return {f"{loop}.{name}": value for loop, gains in self.gains.items() for name, value in gains.items()}
 
 
 ManoeuvreSettings: Any = create_model(
@@ -105,6 +117,9 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
             f"small vehicle: lengths are scaled by {rig.facts.scale:.3g}, speeds and times by "
             f"{rig.facts.scale**0.5:.3g} (equal Froude number), except settings of the user"
         )
+    if rig.changes or rig.gains:
+        changed = ", ".join(f"{name} {value:.4g}" for name, value in (*rig.changes.items(), *rig.gains.items()))
+        outcome.notes.append(f"single-track model with changed {changed} (SI units)")
     # Runs of this manoeuvre are those that are added to the rig from here on.
     start, before = time.perf_counter(), len(rig.records)
     # A folder for each manoeuvre, as names of runs repeat; always restored, since the rig is shared.
@@ -120,5 +135,6 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
     finally:
         rig.folder = base
     outcome.runs = [record.label for record in rig.records[before:]]
+    outcome.simulated = float(sum(record.time[-1] for record in rig.records[before:]))
     outcome.wall = time.perf_counter() - start
     return outcome

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.scene import Scene
 from mirdrake.batched.control import COMMANDS, STATUS
-from mirdrake.core.errors import RunError
+from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Array, Diverged
@@ -105,6 +105,14 @@ class Rig:
     changes: Mapping[str, float] = field(default_factory=dict)
     gains: Mapping[str, float] = field(default_factory=dict)
     simulate: Callable[[ReducedRun], ReducedLog] = field(default_factory=lambda: alone(ReducedParameters()))
+
+    def __post_init__(self) -> None:
+        if (self.changes or self.gains) and self.kind == "full":
+            names = [*(f"single_track.{name}" for name in self.changes), *(f"gains.{name}" for name in self.gains)]
+            raise ConfigError(f"{names[0]}: is a setting of the single-track model; leave it out for the full plant")
+        if self.changes:
+            # The driver knows the car that he drives.
+            self.facts = self.facts.with_parameters(self.changes)
 
     @property
     def pedals(self) -> bool:

@@ -109,18 +109,21 @@ def read_rows(folder: Path) -> dict[str, Record]:
     return _read_table(folder / RESULTS_FILE) if complete else read_records(folder / JOURNAL_FILE, key="run")
 
 
-def make_schema(parameters: Mapping[str, str | None], metrics: Iterable[str]) -> pa.Schema:
-    """Return the columns of the table: run, parameters, status, reason, simulated time, metrics.
+def make_schema(parameters: Mapping[str, str | None], metrics: Iterable[str], *, verdict: bool = False) -> pa.Schema:
+    """Return the columns of the table: run, parameters, status, verdict, reason, simulated time, metrics.
 
     Args:
         parameters: unit by name; None for a parameter whose values are not numbers.
         metrics: names.
+        verdict: whether the study is one of a manoeuvre, which has a verdict.
     """
     fields = [pa.field("run", pa.int64(), nullable=False)]
     for name, unit in parameters.items():
         kind = pa.string() if unit is None else pa.float64()
         fields.append(pa.field(name, kind, metadata={"unit": unit or ""}))
-    fields += [pa.field("status", pa.string()), pa.field("reason", pa.string())]
+    fields.append(pa.field("status", pa.string()))
+    fields += [pa.field("verdict", pa.string())] if verdict else []
+    fields.append(pa.field("reason", pa.string()))
     fields.append(pa.field("simulated", pa.float64(), metadata={"unit": "s"}))
     fields += [pa.field(name, pa.float64()) for name in metrics]
     return pa.schema(fields)

@@ -100,6 +100,7 @@ def make_plan(spec: StudySpec) -> Plan:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
     # Assembling the diagram once finds its faults and the names that parameters can have.
+    assert spec.diagram is not None
     diagram = read_diagram(spec, spec.diagram, spec.overrides)
     assembly = _assemble(diagram)
     data = diagram.model_dump(mode="json")

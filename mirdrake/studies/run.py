@@ -30,8 +30,14 @@ from mirdrake.studies.folder import (
     read_shards,
     write_results,
 )  # fmt: skip
+from mirdrake.studies.manoeuvres import (
+    ManoeuvreShard,
+    make_manoeuvre_plan,
+    make_manoeuvre_shards,
+    run_manoeuvre_shard,
+)
 from mirdrake.studies.plan import Plan, make_plan
-from mirdrake.studies.single_track import check_single_track, make_shards, run_shard
+from mirdrake.studies.single_track import Shard, check_single_track, make_shards, run_shard
 from mirdrake.studies.spec import StudySpec, make_study
 
 GRACE = 30.0
@@ -111,8 +117,8 @@ def run_study(
         start_server(STUDY)
     spec = make_study(study)
     folder = Path(out) if out is not None else None
-    plan = make_plan(spec)
-    if spec.model == "single_track":
+    plan = make_plan(spec) if spec.manoeuvre is None else make_manoeuvre_plan(spec)
+    if spec.model == "single_track" or spec.manoeuvre is not None:
         return _run_shards(plan, folder, executor, workers, resume=resume, progress=progress)
 
     # Rows that the journal of a resumed study has are not computed again.
@@ -146,12 +152,14 @@ def load_results(folder: Path | str) -> StudyResult:
     folder = Path(folder)
     manifest = read_manifest(folder)
     try:
-        schema, runs = make_schema(manifest["units"], manifest["study"]["metrics"]), int(manifest["runs"])
+        of_manoeuvre = manifest["study"].get("manoeuvre") is not None
+        schema = make_schema(manifest["units"], manifest["study"]["metrics"], verdict=of_manoeuvre)
+        runs = int(manifest["runs"])
     except (KeyError, TypeError, ValueError):
         raise ConfigError(f"{folder}: its study.json is incomplete") from None
     model = manifest["study"].get("model", "plant")
     # Until the study is complete, its rows are in one file per shard.
-    in_shards = model == "single_track" and not (folder / RESULTS_FILE).is_file()
+    in_shards = (model == "single_track" or of_manoeuvre) and not (folder / RESULTS_FILE).is_file()
     table = read_shards(folder, schema) if in_shards else make_table(read_rows(folder), schema)
     return StudyResult(table, runs, folder, model)
 
@@ -165,23 +173,26 @@ def _run_shards(
     resume: bool,
     progress: StudyProgress | bool,
 ) -> StudyResult:
-    """Run a study of the single-track model; each shard of it is a call, and a file of its own until the end."""
-    schema, total = make_schema(plan.units, plan.spec.metrics), len(plan.rows)
-    check_single_track(plan)
+    """Run a study of the single-track model or of a manoeuvre; each shard is a call, and a file until the end."""
+    of_manoeuvre = plan.spec.manoeuvre is not None
+    schema, total = make_schema(plan.units, plan.spec.metrics, verdict=of_manoeuvre), len(plan.rows)
+    if not of_manoeuvre:
+        check_single_track(plan)
     # The journal rejects a folder of another study before anything is simulated.
     open_journal(folder, plan.manifest(), resume=resume)
     if folder is not None and (folder / RESULTS_FILE).is_file():
         return load_results(folder)
     # Shards have fixed bounds, so that results do not depend on the number of workers.
-    shards = make_shards(plan)
+    shards: Sequence[Shard | ManoeuvreShard] = make_manoeuvre_shards(plan) if of_manoeuvre else make_shards(plan)
     store = ShardStore(folder, schema)
     missing = [shard for shard in shards if shard.number not in store.numbers]
+    run: Callable[[Any], list[Outcome]] = run_manoeuvre_shard if of_manoeuvre else run_shard
     with ExitStack() as stack:
         # No time limit of a call: a shard is one batch of many runs, whose duration is not known in advance.
         runner, ahead = stack.enter_context(open_executor(executor, workers, calls=len(missing), limit=math.inf))
         shows = stack.enter_context(_progress_bar(plan.spec.name, total, store.rows)) if progress is True else progress
         with suppress(KeyboardInterrupt):  # the finished shards are kept
-            for position, result in call_all(runner, run_shard, ((shard,) for shard in missing), ahead=ahead):
+            for position, result in call_all(runner, run, ((shard,) for shard in missing), ahead=ahead):
                 shard = missing[position]
                 outcomes = shard.lost(result.reason) if isinstance(result, Lost) else result
                 rows = [_row(plan, outcome) for outcome in outcomes]
@@ -220,6 +231,7 @@ def _row(plan: Plan, outcome: Outcome) -> Row:
     for (name, unit), value in zip(plan.units.items(), plan.rows[outcome.index], strict=True):
         row[name] = str(value) if unit is None else float(value)
     row |= {"status": outcome.status, "reason": outcome.reason, "simulated": outcome.simulated}
+    row |= {"verdict": outcome.verdict} if plan.spec.manoeuvre is not None else {}
     # Only runs with status ok have metrics; the others have empty cells.
     values = outcome.metrics or [None] * len(plan.spec.metrics)
     return row | dict(zip(plan.spec.metrics, values, strict=True))

@@ -78,17 +78,24 @@ class StudySpec(Schema):
 
     mirdrake: Literal["study/1"] = Field("study/1", description="format of this file [-]")
     name: str = Field("study", min_length=1, description="default: that of the file [-]")
-    diagram: str | Json = Field(description="name of a diagram, a path, or the diagram itself [-]")
+    diagram: str | Json | None = Field(None, description="name of a diagram, a path, or the diagram itself [-]")
+    manoeuvre: str | None = Field(None, description="name of a manoeuvre, in place of a diagram [-]")
+    vehicle: str | None = Field(None, description="vehicle that drives the manoeuvre [-]")
     model: Literal["plant", "single_track"] = Field(
         "plant", description="the full plant, or the single-track model in batches of many runs [-]"
     )
-    overrides: Json = Field(default_factory=dict, description="values of the diagram for all runs, by dotted path [-]")
+    overrides: Json = Field(
+        default_factory=dict, description="values of the diagram or of the manoeuvre for all runs, by dotted path [-]"
+    )
     parameters: dict[str, ParameterSpec] = Field(
-        min_length=1, description="dotted paths of the diagram, and context parameters such as ego.speed.kp [-]"
+        min_length=1,
+        description="dotted paths of the diagram, and context parameters such as ego.speed.kp; of a manoeuvre: its "
+        "settings such as step_steer.speed, friction, single_track.NAME and gains.NAME [-]",
     )
     sampling: Sampling = Field(default_factory=GridSampling, description="how values are combined [-]")
     metrics: list[str] = Field(
-        min_length=1, description="figures of a run such as ego.distance_m, or functions as module:name [-]"
+        min_length=1,
+        description="figures of a run such as ego.distance_m or of the manoeuvre, or functions as module:name [-]",
     )
     duration: Duration | None = Field(
         None, gt=0.0, le=1e6, description="simulated time [s]; default: that of the diagram"
@@ -98,6 +105,16 @@ class StudySpec(Schema):
         None, gt=0.0, description="wall time of a run [s]; default: 60 s and ten times its simulated time"
     )
     folder: str | None = Field(None, description="folder of the modules of metrics; default: that of the file [-]")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "StudySpec":
+        if (self.diagram is None) == (self.manoeuvre is None):
+            raise ValueError("needs either diagram, or manoeuvre and vehicle")
+        if (self.manoeuvre is None) != (self.vehicle is None):
+            raise ValueError("manoeuvre and vehicle belong together; give both or neither")
+        if self.manoeuvre is not None and self.duration is not None:
+            raise ValueError("duration: a manoeuvre ends by itself; leave it out")
+        return self
 
 
 def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
