@@ -212,6 +212,10 @@ def drive(
     at_motion, at_status = states_of_variant, states_of_variant + 7
     row: Any = np.empty(states_of_variant + 7 + 3 + 4 + 2 + 2)
     scheduled, pedals = units.schedule.shape[0] > 0, setups[0].pedals
+    # The motion costs another evaluation of the equations.
+    shows_motion = False
+    for column in columns:
+        shows_motion = shows_motion or at_motion <= column < at_status
     # Buffers are allocated once for all cars, as an allocation in the inner loop would dominate its cost.
     x_measured: Any = np.zeros(MEASURED)
     desired: Any = np.zeros(2 * ACTUATORS)
@@ -305,8 +309,9 @@ def drive(
             # Outputs at the tick.
             if row_is_due:
                 write_state(row, positions, x)
-                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-                write_motion(row, at_motion, equations(law, flags[0], present[i], x, u)[1])
+                if shows_motion:
+                    apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+                    write_motion(row, at_motion, equations(law, flags[0], present[i], x, u)[1])
                 row[at_status + 3 : at_status + 7] = driver[PATH : PATH + 4]
                 row[at_status + 9], row[at_status + 10] = u.drive, u.brake
                 for k in range(len(columns)):

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,24 @@ class SettingRecord:
     given: bool
 
 
+class Margin(NamedTuple):
+    """Difference of a figure of the single-track model from that of the full plant, over the latter [1].
+
+    Both are of `bolt@handling` under :data:`MARGIN_CONDITIONS`; tests/test_manoeuvres.py measures and checks them.
+
+    Attributes:
+        measured: measured difference.
+        limit: limit of its size that the test allows.
+    """
+
+    measured: float
+    limit: float
+
+
+MARGIN_CONDITIONS = "bolt@handling, point contact, default settings"
+"""Conditions of the margins."""
+
+
 @dataclass(frozen=True)
 class Metric:
     """Figure of a manoeuvre.
@@ -86,6 +104,7 @@ class Metric:
         note: short remark.
         scale: size to which changes are relative, in the same unit; by default the value itself. Figures that may be
             zero, or are a small difference of large numbers, need it.
+        margin: margin against the full plant, for a figure of the single-track model; see :class:`Margin`.
     """
 
     key: str
@@ -94,6 +113,16 @@ class Metric:
     unit: str
     note: str = ""
     scale: float | None = None
+    margin: "Margin | None" = None
+
+    @property
+    def remark(self) -> str:
+        """The note, with the margin against the full plant."""
+        if self.margin is None:
+            return self.note
+        size, side = 100.0 * abs(self.margin.measured), "above" if self.margin.measured >= 0.0 else "below"
+        text = f"{size:.2g} % {side} the full plant, tested within {100.0 * self.margin.limit:.3g} %"
+        return f"{self.note}; {text}" if self.note else text
 
     def change(self, other: "Metric") -> float:
         """Return the relative difference of another figure of the same key: over the larger of scale and values [1].
@@ -195,6 +224,7 @@ class Outcome:
                 m.key: {"value": m.value, "unit": m.unit, "text": m.text}
                 | ({"note": m.note} if m.note else {})
                 | ({"scale": m.scale} if m.scale is not None else {})
+                | ({"margin": m.margin._asdict()} if m.margin is not None else {})
                 for m in self.metrics
             },
             "settings": {
@@ -213,11 +243,13 @@ class ManoeuvreSpec(Schema):
         title: title in reports.
         standard: standard that defines it.
         headline: keys of the figures that summarise it in the report.
+        margins: margins of figures of the single-track model against the full plant, by key.
     """
 
     title: ClassVar[str] = ""
     standard: ClassVar[str] = ""
     headline: ClassVar[tuple[str, ...]] = ()
+    margins: ClassVar[dict[str, Margin]] = {}
 
     def drive(self, rig: Any, outcome: Outcome) -> None:
         """Simulate the runs on a :class:`mirdrake.manoeuvres.rig.Rig` and fill the outcome; each kind defines it.

@@ -81,14 +81,14 @@ def project_line(line: Array, x: float, y: float, near: int) -> tuple[int, float
     # The search around the last sample keeps the station where a line crosses itself, and is faster.
     low = 0 if near < 0 else max(0, near - _REACH)
     high = len(line) if near < 0 else min(len(line), near + _REACH)
-    distances = np.hypot(line[low:high, 1] - x, line[low:high, 2] - y)
+    squared = (line[low:high, 1] - x) ** 2 + (line[low:high, 2] - y) ** 2
     if near < 0:  # a line of several laps passes the same point again: the first lap counts
         # Among all samples within one step of the nearest one take the first, with the samples that follow it.
-        limit, first = np.min(distances) + (line[1, 0] - line[0, 0]), 0
-        while distances[first] > limit:
+        limit, first = (math.sqrt(np.min(squared)) + (line[1, 0] - line[0, 0])) ** 2, 0
+        while squared[first] > limit:
             first += 1
-        distances = distances[: first + _REACH]
-    index = low + int(np.argmin(distances))
+        squared = squared[: first + _REACH]
+    index = low + int(np.argmin(squared))
 
     # Project onto the tangent of the nearest sample; the parabola κ/2 x² corrects the offset for the curvature.
     yaw = float(line[index, 3])

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from pydantic import Field, create_model
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, parse_yaml
-from mirdrake.manoeuvres.base import Diverged, ManoeuvreSpec, NotFeasible, Outcome, scaled
+from mirdrake.manoeuvres.base import MARGIN_CONDITIONS, Diverged, ManoeuvreSpec, NotFeasible, Outcome, scaled
 from mirdrake.manoeuvres.dwell import SineWithDwellSpec
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, ObstacleAvoidanceSpec, SlalomSpec
 from mirdrake.manoeuvres.open_loop import FrequencyResponseSpec, SlowlyIncreasingSteerSpec, StepSteerSpec
@@ -134,6 +135,12 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
         outcome.verdict, outcome.reason = "diverged", str(error)
     finally:
         rig.folder = base
+    if rig.kind == "single_track" and kind.margins and outcome.metrics:
+        outcome.metrics = [replace(metric, margin=kind.margins.get(metric.key)) for metric in outcome.metrics]
+        outcome.notes.append(
+            f"margins against the full plant: measured with {MARGIN_CONDITIONS}; other vehicles and settings "
+            "may differ more"
+        )
     outcome.runs = [record.label for record in rig.records[before:]]
     outcome.simulated = float(sum(record.time[-1] for record in rig.records[before:]))
     outcome.wall = time.perf_counter() - start

@@ -83,7 +83,7 @@ def write_results(results: HandlingResults) -> None:
         for m in outcome.metrics:
             # repr keeps all digits, so that the table can be read back without loss.
             value = "" if m.value is None else repr(m.value)
-            table.writerow([*start, m.key, value, m.unit, m.text, m.note])
+            table.writerow([*start, m.key, value, m.unit, m.text, m.remark])
     write_file(results.folder / METRICS, text.getvalue())
 
 
@@ -144,7 +144,7 @@ def describe(outcome: Outcome) -> Iterator[str]:
     # Columns are aligned within a manoeuvre.
     number_width = max((len(format_number(m.value)) for m in outcome.metrics), default=0)
     for m in outcome.metrics:
-        note = f"   ({m.note})" if m.note else ""
+        note = f"   ({m.remark})" if m.remark else ""
         yield f"  {m.text:{width}}  {format_number(m.value):>{number_width}} {m.unit}{note}".rstrip()
     for note in outcome.notes:
         yield f"  note: {note}"

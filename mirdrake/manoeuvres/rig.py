@@ -1,10 +1,12 @@
 """Runs of a manoeuvre: the full plant, or the single-track model behind the same driver."""
 
+import json
 import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,7 +38,6 @@ from mirdrake.runs.logs import RunWriter
 from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
 from mirdrake.vehicles import Vehicle
-from mirdrake.worlds import World
 from mirdrake.worlds.loading import make_world
 from mirdrake.worlds.world import SURFACE_MU
 
@@ -263,14 +264,12 @@ class Rig:
         stop: Stop | None,
     ) -> Record:
         begin = time.perf_counter()
-        scene: World = make_world(dict(world))
-        gravity = [float(part) for part in scene.ground.gravity]
         log = self.simulate(
             ReducedRun(
                 label=label,
                 car=ReducedCar(self.vehicle, self.changes, self.gains),
                 friction=self.friction,
-                gravity=(gravity[0], gravity[1], gravity[2]),
+                gravity=_gravity(json.dumps(world["ground"])),
                 driver=driver,
                 x=start[0],
                 y=start[1],
@@ -290,7 +289,8 @@ class Rig:
             reason = StopReason.DURATION if log.reason == "duration" else StopReason.CONDITION
             detail = "" if reason is StopReason.DURATION else log.reason
             summary = {"stop_reason": reason, "stop_detail": detail, "wall_s": round(time.perf_counter() - begin, 3)}
-            _write(self.folder / label, data, table, named, summary, world, Scene(scene, {"ego": self.vehicle}))
+            scene = Scene(make_world(dict(world)), {"ego": self.vehicle})
+            _write(self.folder / label, data, table, named, summary, world, scene)
         angle = columns.pop("steering_angle")
         return self._record(label, log.time, columns, angle, units, log.reason)
 
@@ -315,6 +315,18 @@ class Rig:
             stop=stop,
             **{name: columns[name] for name in taken},
         )
+
+
+@lru_cache
+def _gravity(ground: str) -> tuple[float, float, float]:
+    """Return gravity over a ground [m/s²]; a slope tilts it.
+
+    Args:
+        ground: the ground of a world file as text, so that the worlds of a sweep are made once.
+    """
+    world = make_world({"mirdrake": "world/1", "name": "ground", "ground": json.loads(ground)})
+    x, y, z = (float(part) for part in world.ground.gravity)
+    return x, y, z
 
 
 def _driver(kind: str, **settings: object) -> dict[str, object]:

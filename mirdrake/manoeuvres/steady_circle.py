@@ -8,7 +8,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
-from mirdrake.manoeuvres.base import Array, Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
+from mirdrake.manoeuvres.base import Array, Chart, Curve, ManoeuvreSpec, Margin, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import (
     Fit,
@@ -33,6 +33,18 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
     title: ClassVar[str] = "Steady-state circle"
     standard: ClassVar[str] = "ISO 4138:2021"
     headline: ClassVar[tuple[str, ...]] = ("understeer", "largest")
+    margins: ClassVar[dict[str, Margin]] = {
+        "roll_left": Margin(-0.008, 0.1),
+        "beta_left": Margin(-0.031, 0.1),
+        "understeer_left": Margin(0.132, 0.2),
+        "largest_left": Margin(0.164, 0.2),
+        "roll_right": Margin(-0.008, 0.1),
+        "beta_right": Margin(-0.031, 0.1),
+        "understeer_right": Margin(0.132, 0.2),
+        "largest_right": Margin(0.164, 0.2),
+        "understeer": Margin(0.132, 0.2),
+        "largest": Margin(0.164, 0.2),
+    }
 
     method: Literal["constant_radius", "constant_speed"] = setting(
         "constant_radius", "which of the methods", "", "E", "ISO 4138:2021"

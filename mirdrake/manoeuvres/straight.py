@@ -12,6 +12,7 @@ from mirdrake.manoeuvres.base import (
     Chart,
     Curve,
     ManoeuvreSpec,
+    Margin,
     NotFeasible,
     Outcome,
     setting,
@@ -185,6 +186,11 @@ class BrakingSpec(ManoeuvreSpec):
     title: ClassVar[str] = "Braking"
     standard: ClassVar[str] = "100-0 km/h and 60-0 mph; mean fully developed deceleration as in UN R13-H"
     headline: ClassVar[tuple[str, ...]] = ("distance_100", "mfdd")
+    margins: ClassVar[dict[str, Margin]] = {
+        "distance_100": Margin(0.062, 0.1),
+        "time": Margin(0.061, 0.1),
+        "mfdd": Margin(-0.07, 0.1),
+    }
 
     speed: Speed = setting(
         100.0 * KMH, "speed at which the distance begins", "m/s", "E", "Car and Driver, Edmunds", gt=0.0
