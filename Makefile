@@ -19,7 +19,7 @@ ARGS ?=
 .PHONY: help drive notebooks test quick test-all times check lint fuzz docs bench clean
 
 help:
-	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
+	@echo "make drive     drive a Chevrolet Bolt one lap of the test track (ARGS='--set duration=20' for options)"
 	@echo "make notebooks JupyterLab with the notebooks (ARGS=--no-browser for options)"
 	@echo "make test      the fast tests"
 	@echo "make quick     the tests that take a minute together, for each small change"

@@ -194,7 +194,7 @@ def test_check_reports_the_faults_of_all_bad_files_and_continues(
     assert out.splitlines() == ["empty: sound", "drive.yaml: sound"]
     first, second, third = err.splitlines()
     assert [line.split(":")[1:3] for line in (first, second)] == [[" bad.yaml", "6"], [" bad.yaml", "7"]]
-    assert third.startswith("error: unknown name 'nobody'; (allowed: barrels, bolt, ")
+    assert third.startswith("error: unknown name 'nobody'; allowed: barrels, bolt, ")
 
 
 def test_check_names_outputs_that_nothing_reads(
@@ -203,6 +203,16 @@ def test_check_names_outputs_that_nothing_reads(
     with (tmp_path / "drive.yaml").open("a", encoding="utf-8") as file:
         file.write("systems: {half: {kind: constant, value: [0.5]}}\n")
     assert call_command("check", "drive.yaml") == (0, "drive.yaml: sound\n  output 'half.y' is not read\n", "")
+
+
+def test_check_reports_cameras_that_take_no_pictures(
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    with (tmp_path / "drive.yaml").open("a", encoding="utf-8") as file:
+        file.write("sensors: {ego: [front_camera]}\n")
+    why = "they are neither recorded (record.cameras: true) nor connected"
+    expected = f"drive.yaml: sound\n  camera 'ego.front_camera' takes no pictures: {why}\n"
+    assert call_command("check", "drive.yaml") == (0, expected, "")
 
 
 def test_check_takes_overrides_and_run_folders(call_command: Callable[..., tuple[int, str, str]]) -> None:
@@ -304,7 +314,8 @@ def test_the_help_of_the_command_leads_to_the_first_run(call_command: Callable[.
 def test_no_verb_and_an_unknown_verb_are_bad_input(call_command: Callable[..., tuple[int, str, str]]) -> None:
     code, _, err = call_command()
     assert code == 2
-    assert "VERB" in err
+    assert "COMMAND" in err
+    assert "mirdrake run bolt_test_track" in err
     code, _, err = call_command("rnu", "bolt_test_track")
     assert code == 2
     assert "'rnu'" in err

@@ -67,7 +67,7 @@ def test_a_log_itself_is_checked_with_a_mapping_and_nothing_else(tmp_path, capsy
     assert "held over 4 rows" in text
     assert "the true step is 0.01 s" in text or "the true step is 0.0100" in text or "2.5 times" in text
     assert main([*base, "--map", "yaw_rate=yaw_rate:deg/s", "--repairs", "none"]) == 1
-    assert "0 repairs; 2 faults are left" in capsys.readouterr().out
+    assert "0 repairs; 2 faults without repair" in capsys.readouterr().out
     assert main([*base, "--map", "yaw_rate=yaw_rate:rad/s", "--quiet"]) == 1
     assert capsys.readouterr().out == ""
 

@@ -270,7 +270,7 @@ def test_sensors_and_blocks_are_observed_and_other_drivers_keep_driving():
         ({"reward": "math:nothing_there"}, "no function 'nothing_there' in math"),
         ({"reward": "no_such_module_here:x"}, "module 'no_such_module_here' cannot be imported"),
         ({"ends": [3]}, "end: 3 is not a function"),
-        ({"start": "everywhere"}, "unknown start 'everywhere'; (allowed: anywhere_on_track), or give module:name"),
+        ({"start": "everywhere"}, "unknown start 'everywhere'; allowed: anywhere_on_track, or give module:name"),
     ],
 )
 def test_wrong_names_and_ranges_are_errors_of_one_line(options, message):

@@ -80,8 +80,8 @@ def test_names_are_sorted_and_a_model_needs_its_vehicle_yaml(tmp_path: Path, mon
     ("kind", "name", "message"),
     [
         ("worlds", "ovall", "drive.yaml:3: world: unknown world 'ovall'; did you mean 'oval'? (allowed: oval)"),
-        ("worlds", "", "drive.yaml:3: world: unknown world ''; (allowed: oval)"),
-        ("worlds", "~nobody-here", "drive.yaml:3: world: unknown world '~nobody-here'; (allowed: oval)"),
+        ("worlds", "", "drive.yaml:3: world: unknown world ''; allowed: oval"),
+        ("worlds", "~nobody-here", "drive.yaml:3: world: unknown world '~nobody-here'; allowed: oval"),
         ("worlds", "a/oval.yaml", "drive.yaml:3: world: no world at 'a/oval.yaml'; expected: a .yaml file"),
         ("worlds", "oval.yml", "drive.yaml:3: world: no world at 'oval.yml'; expected: a .yaml file"),
         ("models", "x/y", "drive.yaml:3: world: no vehicle at 'x/y'; expected: a folder with a vehicle.yaml"),

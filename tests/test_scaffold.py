@@ -296,6 +296,13 @@ def test_nothing_is_warned_about_and_every_number_has_its_source(cars: dict[str,
     assert set(cars["small"].sensors.mounts) == {"front_camera", "gps", "imu"}
 
 
+def test_a_robot_as_short_as_its_wheels_is_plausible(tmp_path: Path) -> None:
+    size: dict[str, Any] = {"wheelbase": 0.6, "track": 0.42, "wheel_radius": 0.11, "length": 0.82, "mass": 60}
+    figures = inspect_vehicle(load_vehicle(str(new_vehicle("robot", folder=tmp_path, **size))))
+    assert figures.dynamic_index < 0.5
+    assert figures.warnings == ()
+
+
 @pytest.mark.parametrize("body", ["robot", "hatchback", "van", "truck"])
 def test_sensors_are_outside_the_body_and_look_past_it(tmp_path: Path, body: str) -> None:
     base = {"robot": 0.6, "hatchback": 2.5, "van": 3.6, "truck": 4.2}[body]
@@ -471,7 +478,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"wheel_width": 0.75}, "wheel_width 0.75 m does not fit the other dimensions; allowed: 0.032 to 0.64 m"),
     ({"steering_limit": 35}, "steering_limit 35 rad is not allowed; allowed: 0.05 to 1.3 rad; is it '35 deg'?"),
     ({"steering_limit": "35 m"}, "steering_limit: unit 'm' does not fit; allowed: rad, deg, °"),
-    ({"length": 2.0}, "length 2 m does not fit the other dimensions; allowed: 2.6 to 7.8 m (1 to 3 wheelbases)"),
+    ({"length": 2.0}, "length 2 m does not fit the other dimensions; allowed: 3.24 to 7.8 m ("),
     ({"height": 0.4}, "height 0.4 m does not fit the other dimensions; allowed: 0.672 to 4.8 m"),
     ({"width": 4.5}, "width 4.5 m does not fit the other dimensions; allowed: 1.05 to 3 m"),
     ({"wheelbase": None, "track": None}, "missing: wheelbase, track"),
@@ -486,15 +493,15 @@ BAD: list[tuple[dict[str, Any], str]] = [
         "turning_circle 5 m is not possible with a wheelbase of 2.6 m and a track of 1.5 m; allowed",
     ),
     ({"turning_circle": 6.05}, "turning_circle 6.05 m needs an inner wheel angle of 1.5"),
-    ({"front_axle_share": 56}, "front_axle_share 56 - is not allowed; allowed: 0.15 to 0.85"),
+    ({"front_axle_share": 56}, "front_axle_share 56 is not allowed; allowed: 0.15 to 0.85"),
     ({"com_height": 2.0, "height": 1.5}, "com_height 2 m does not fit the other dimensions; allowed: 0.096 to 1.35 m"),
     ({"yaw_inertia": 50}, "yaw_inertia 50 kg m² does not fit the mass, the axles and the length; allowed: "),
     ({"yaw_inertia": 1e5}, "yaw_inertia 100000 kg m² does not fit the mass, the axles and the length; allowed: "),
     ({"power": "50 N"}, "power: unit 'N' does not fit; allowed: W, kW, hp"),
     ({"power": "20 kW", "top_speed": "250 km/h"}, "top_speed 69.4444 m/s needs "),
-    ({"sensors": "lidar,sextant"}, "sensors 'sextant' is not allowed; (allowed: camera, depth_camera"),
+    ({"sensors": "lidar,sextant"}, "sensors 'sextant' is not allowed; allowed: camera, depth_camera"),
     ({"tyre": "big", "wheel_radius": None}, "tyre 'big' is not a tyre size; example: 215/50R17"),
-    ({"drive": "back"}, "drive 'back' is not allowed; (allowed: all, front, rear)"),
+    ({"drive": "back"}, "drive 'back' is not allowed; allowed: all, front, rear"),
     ({"body": "sedan chair"}, "body 'sedan chair' is not allowed; did you mean 'sedan'?"),
 ]
 GOOD: dict[str, Any] = {"wheelbase": 2.6, "track": 1.5, "mass": 1450, "wheel_radius": 0.32}

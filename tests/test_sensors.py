@@ -79,7 +79,8 @@ def test_unused_cameras_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
     assembly = assemble(parked(["front_camera"]))
     assert assembly.parts.scene_graph.RendererCount() == 0
     assert not assembly.diagram.HasSubsystemNamed("ego.front_camera")
-    assert assembly.unread == ("ego.front_camera.color_image",)
+    assert assembly.unread == ()
+    assert assembly.idle_cameras == ("ego.front_camera",)
 
 
 def test_recording_cameras_without_a_camera_is_rejected() -> None:

@@ -126,6 +126,12 @@ def test_meshcat_has_no_port_of_its_own():
     assert "</body>" in offline.StaticHtml()
 
 
+def test_the_page_has_the_title_of_what_it_shows():
+    for title, shown in (("bolt <1>", b"bolt &lt;1&gt;"), (None, b"mirdrake")):
+        page = get((make_meshcat(port=0) if title is None else make_meshcat(port=0, title=title)).web_url())[1]
+        assert re.findall(rb"<title>(.*?)</title>", page) == [shown]
+
+
 def test_the_page_works_and_its_port_is_closed_with_it(meshcat):
     meshcat.AddButton("Go")
     url = meshcat.web_url()

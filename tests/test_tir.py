@@ -128,12 +128,12 @@ def test_old_names_of_version_5_2() -> None:
         ("PCX1 = 1\n" + SMALL, "t.tir:1: 'PCX1 = 1' is before the first [SECTION]"),
         (instead("LENGTH = 'meter'", "LENGTH = 'furlong'"),
          "t.tir:2: [UNITS] LENGTH: unknown unit 'furlong'; "
-         "(allowed: cm, foot, inch, km, m, meter, millimeter, mm)"),
+         "allowed: cm, foot, inch, km, m, meter, millimeter, mm"),
         (instead("ANGLE = 'radians'", "ANGLE = 'degree'"),
          "t.tir:4: [UNITS] ANGLE: unknown unit 'degree'; the coefficients are defined for radians only; "
-         "(allowed: rad, radian, radians)"),
+         "allowed: rad, radian, radians"),
         (without("TIME = 'second'"),
-         "t.tir:1: [UNITS] TIME: missing; (allowed: hour, millisecond, minute, s, sec, second)"),
+         "t.tir:1: [UNITS] TIME: missing; allowed: hour, millisecond, minute, s, sec, second"),
         (instead("FITTYP = 61", "FITTYP = 70"),
          "t.tir:8: [MODEL] FITTYP: unknown '70'; known: 5, 6, 21, 52 (MF 5.2), 61, 62"),
         (instead("FITTYP = 61", "FITTYP = 'new'"),

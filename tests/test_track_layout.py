@@ -514,7 +514,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ("xodr: {file: none.xodr}", "w.yaml:4: tracks.main.xodr.file: no such file: 'none.xodr'; give its path", {}),
     (
         "xodr: {file: track.xodr, road: 8}",
-        "w.yaml:4: tracks.main.xodr: track.xodr: no road '8'; (allowed: 7)",
+        "w.yaml:4: tracks.main.xodr: track.xodr: no road '8'; allowed: 7",
         {"xodr": ROAD},
     ),
     # too few points

@@ -99,12 +99,12 @@ TOP = "connect, control, duration, extra, gains, laps, parts, plant, points, rec
     [
         # names
         ("plant:\n  time_stepp: 0.001", f"2: plant.time_stepp: unknown field; did you mean 'time_step'? {PLANT}"),
-        ("xyz: 1", f"1: xyz: unknown field; (allowed: {TOP})"),
+        ("xyz: 1", f"1: xyz: unknown field; allowed: {TOP}"),
         ("parts:\n- {}\n- contcat: point", f"3: parts.1.contcat: unknown field; did you mean 'contact'? {PLANT}"),
         ("plant:\n  time_step: 1\nspeed: 2\nplant: {}", "4: plant: repeated key; keep one of them"),
         ("plant:\n  time_step: 1\n  'time_step': 2", "3: plant.time_step: repeated key; keep one of them"),
-        ("1: 2", f"1: 1: unknown field; (allowed: {TOP})"),
-        ("on: 2", f"1: on: unknown field; (allowed: {TOP})"),
+        ("1: 2", f"1: 1: unknown field; allowed: {TOP}"),
+        ("on: 2", f"1: on: unknown field; allowed: {TOP}"),
         ("gains:\n  [a, b]: 1", "2: gains: a key must be a plain scalar"),
         ("{{a: b}: 1}", "1: a key must be a plain scalar"),
         # numbers
@@ -136,7 +136,7 @@ TOP = "connect, control, duration, extra, gains, laps, parts, plant, points, rec
             "control:\n  ego:\n    kp: 1\n    kind: pdi",
             "4: control.ego.kind: unknown kind 'pdi'; did you mean 'pid'? (allowed: off, pid)",
         ),
-        ("control:\n  ego: {kind: 5}", "2: control.ego.kind: unknown kind '5'; (allowed: off, pid)"),
+        ("control:\n  ego: {kind: 5}", "2: control.ego.kind: unknown kind '5'; allowed: off, pid"),
         ("control:\n  ego: {kp: 1}", "2: control.ego: needs a 'kind'"),
         ("control:\n  ego: pid", "2: control.ego: 'pid' is not a mapping (key: value)"),
         (
@@ -396,16 +396,14 @@ def test_a_part_of_a_file_can_be_checked_later_and_still_points_into_it() -> Non
     assert spec._source is not None
     part = spec._source._replace(prefix=("extra", "block"))
     assert where(validate({"contact": "point"}, Plant, part), "contact") == "d:4: extra.block.contact"
-    with pytest.raises(
-        ConfigError, match=r"^d:5: extra\.block\.deeper: unknown field; \(allowed: contact, time_step\)$"
-    ):
+    with pytest.raises(ConfigError, match=r"^d:5: extra\.block\.deeper: unknown field; allowed: contact, time_step$"):
         validate(spec.extra["block"], Plant, part)
     inner = spec._source._replace(prefix=("extra", "block", "deeper"))
     with pytest.raises(ConfigError) as caught:
         validate({"kp": 1, "time_step": "x"}, Plant, inner)
     assert str(caught.value).splitlines() == [
         "d:5: extra.block.deeper.time_step: 'x' is not a number",
-        f"d:5: extra.block.deeper.kp: unknown field; {PLANT}",
+        "d:5: extra.block.deeper.kp: unknown field; allowed: contact, time_step",
     ]
 
 

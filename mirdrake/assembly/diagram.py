@@ -63,6 +63,7 @@ class Assembly:
         taps: the logged vectors.
         tracks: track that each vehicle follows or is measured against; None in a world without tracks.
         unread: outputs that nothing reads, by name.
+        idle_cameras: cameras that are not in the diagram, since their pictures are neither recorded nor connected.
         meshcat: shows the run, if it was given; a run draws in it outside of the diagram.
         cameras: those whose pictures shall be recorded, by name, and the name of their vehicle.
         arrays: sensors whose samples are arrays and shall be recorded, by name.
@@ -81,6 +82,7 @@ class Assembly:
     taps: dict[str, Tap]
     tracks: dict[str, str | None]
     unread: tuple[str, ...] = ()
+    idle_cameras: tuple[str, ...] = ()
     meshcat: Meshcat | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
@@ -275,9 +277,11 @@ def assemble(
     # Logs and exports come after the connections: they depend on what is connected and on what is still open.
     taps = add_taps(wiring, parts, readings, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
-    # Cameras that nothing reads were not added; they count as unread outputs all the same.
-    idle = [f"{vehicle}.{sensor}" for vehicle, sensor in cameras_of(spec, vehicles)]
-    unread = (*unread, *(f"{name}.color_image" for name in idle if name not in wiring.systems))
+    idle_cameras = tuple(
+        f"{vehicle}.{sensor}"
+        for vehicle, sensor in cameras_of(spec, vehicles)
+        if f"{vehicle}.{sensor}" not in wiring.systems
+    )
     try:
         diagram = builder.Build()
     except RuntimeError as error:
@@ -302,6 +306,7 @@ def assemble(
         taps,
         tracks,
         unread,
+        idle_cameras,
         meshcat,
         cameras,
         arrays,

@@ -65,7 +65,7 @@ VERBS = {
             "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
         },
     ),
-    "completion": Verb("print a script that completes verbs, names and ports in the shell", "completion"),
+    "completion": Verb("print a script that completes commands, names and ports in the shell", "completion"),
     "import": Verb("make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package", "importing"),
     "inspect": Verb("print mass, axle loads, dimensions, inertia, joints and sensors of a vehicle", "inspect"),
     "learn": Verb(
@@ -103,7 +103,7 @@ VERBS = {
         },
     ),
 }
-"""All verbs, in the order of ``mirdrake --help``."""
+"""All commands, in the order of ``mirdrake --help``."""
 
 _STEADY = {"export", "importing", "world_import", "world_build", "check"}
 """Modules of verbs that may take long without a number for how far they are."""
@@ -147,7 +147,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # it announces its cache at the first use
     try:
-        options = _parser().parse_args(arguments)
+        parser = _parser()
+        if not (sys.argv[1:] if arguments is None else arguments):
+            parser.print_help(sys.stderr)
+            return 2
+        options = parser.parse_args(arguments)
         # These verbs have no progress of their own where output is redirected.
         name = options.execute.__module__.rpartition(".")[2]
         with still_working(name.replace("_", " ")) if name in _STEADY else nullcontext():

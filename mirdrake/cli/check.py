@@ -78,7 +78,11 @@ def _check_name(
         with nullcontext() if trust else without_user_code():
             assembly = assemble(spec, scene=load_run(name).scene() if of_run else None)
         unread = [] if skipped else [f"output '{port}' is not read" for port in assembly.unread]
-        return (), (), [*unread, *skipped_lines(skipped)]
+        idle = [
+            f"camera '{name}' takes no pictures: they are neither recorded (record.cameras: true) nor connected"
+            for name in ([] if skipped else assembly.idle_cameras)
+        ]
+        return (), (), [*unread, *idle, *skipped_lines(skipped)]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
 

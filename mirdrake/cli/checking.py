@@ -41,7 +41,7 @@ STANDING = 1.0
 MOST_TRAVEL, MOST_TILT = 0.02, math.radians(3.0)
 """Largest displacement during that test, in wheelbases, and largest tilt [rad]; springs may settle."""
 
-_NAMES = re.compile(r"'[^']*'|\(allowed: .*\)")
+_NAMES = re.compile(r"'[^']*'|\(?allowed: .*")
 
 
 @dataclass

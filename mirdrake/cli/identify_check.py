@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mirdrake.cli.common import add_quiet, parse_names
+from mirdrake.cli.common import add_quiet, parse_names, plural
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path, load_yaml, read_tree
 
@@ -71,7 +71,8 @@ def run(options: argparse.Namespace) -> int:
     if not options.quiet:
         print(report.table())
         left = report.unrepaired_faults
-        print(f"{len(report.repairs)} repairs; " + (f"{len(left)} faults are left" if left else "no fault is left"))
+        rest = f"{plural(len(left), 'fault')} without repair" if left else "no fault is left"
+        print(f"{plural(len(report.repairs), 'repair')}; {rest}")
         if options.report is not None:
             print(f"  {display_path(options.report)}")
     return 1 if report.unrepaired_faults else 0

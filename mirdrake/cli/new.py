@@ -39,9 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="name of the folder: letters, digits, _")
     # Options, questions and checks come from one table of quantities.
     for quantity in QUANTITIES.values():
-        parser.add_argument(
-            _option(quantity.key), metavar=quantity.unit.upper(), help=f"{quantity.text} [{quantity.unit}]"
-        )
+        metavar = "SHARE" if quantity.unit == "-" else quantity.unit.upper()
+        parser.add_argument(_option(quantity.key), metavar=metavar, help=f"{quantity.text} [{quantity.unit}]")
     for key, axle in zip(TYRES, ("", " of the front axle", " of the rear axle"), strict=True):
         words = f"such as 215/50R17, instead of wheel radius and width{axle}"
         parser.add_argument(_option(key), metavar="SIZE", help=words)

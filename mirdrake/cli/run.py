@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     if options.view or (options.view is None and sys.stdout.isatty() and not options.quiet):
         from mirdrake.viewer import make_meshcat
 
-        meshcat = make_meshcat(world=scene.world)
+        meshcat = make_meshcat(world=scene.world, title=spec.name)
         print(f"Meshcat: {meshcat.web_url()}", flush=True)
 
     with (

@@ -93,4 +93,4 @@ def _print_result(result: "TuningResult") -> None:
         print(f"  {met} {criterion_text(criterion, result)}: {value} (limit {criterion.limit:.4g})")
     if result.best is None:
         print("  relax the constraints, extend search.ranges, or increase search.trials")
-    print(f"  {result.folder}")
+    print(f"  {result.folder}/\n    tuning.html  report")

@@ -70,7 +70,7 @@ class VerbParser(argparse.ArgumentParser):
 
 def add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> None:
     """Add verbs to a parser; none of their modules is imported."""
-    group = parser.add_subparsers(title="verbs", metavar="VERB", required=True, parser_class=VerbParser)
+    group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=VerbParser)
     for name, verb in verbs.items():
         group.add_parser(name, help=verb.help, verb=verb)
 

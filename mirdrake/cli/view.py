@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"{', '.join(layers)}: only for a vehicle; '{options.name}' is not a vehicle")
 
     # A file is drawn by a Meshcat that serves no page.
-    make = make_meshcat if options.out is None else make_offline_meshcat
+    title = Path(options.name).stem
+    make = partial(make_meshcat, title=title) if options.out is None else make_offline_meshcat
     sliders: Any = None
     diagram: Any = None
     views: tuple[Any, ...] = ()

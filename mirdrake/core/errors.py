@@ -130,8 +130,8 @@ def did_you_mean(given: object, allowed: Iterable[str]) -> str:
         allowed: the allowed names.
 
     Returns:
-        for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names, or 180
-        characters.
+        for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``, or ``"allowed: bolt, unior"`` if none is
+        similar; the list is cut after 12 names, or 180 characters.
     """
     names = sorted({str(name).replace("\n", "\\n") for name in allowed})
     if not names:
@@ -139,5 +139,4 @@ def did_you_mean(given: object, allowed: Iterable[str]) -> str:
     near = get_close_matches(str(given), names, n=1, cutoff=0.6)
     few = min(12, max(1, sum(length <= 180 for length in accumulate(len(name) + 2 for name in names))))
     shown = ", ".join(names[:few]) + (", …" if len(names) > few else "")
-    hint = f"did you mean '{near[0]}'? " if near else ""
-    return f"{hint}(allowed: {shown})"
+    return f"did you mean '{near[0]}'? (allowed: {shown})" if near else f"allowed: {shown}"

@@ -14,7 +14,7 @@ def render(texts: Mapping[str, Text], code: str, figures: Figures) -> str:
 
 def _sense(delay: float | str) -> str:
     """Return whether a channel lags or leads."""
-    return "late" if float(delay) > 0.0 else "early"
+    return "lags" if float(delay) > 0.0 else "leads"
 
 
 def _ordinal(number: float | str) -> str:
@@ -104,15 +104,16 @@ def _tilt(f: Figures) -> str:
 
 def _relative_delay(f: Figures) -> str:
     return (
-        f"{f['channel']} is {_milliseconds(f)} {_sense(f['delay'])} against what {f['other']} gives "
-        f"{_samples(f)}{f['correlation']:.3f})" + (f"; {f['speed']} is as late" if f.get("speed") else "")
+        f"{f['channel']} {_sense(f['delay'])} the value computed from {f['other']} by {_milliseconds(f)} "
+        f"{_samples(f)}{f['correlation']:.3f})"
+        + (f"; {f['speed']} {_sense(f['delay'])} by as much" if f.get("speed") else "")
     )
 
 
 def _ambiguous_delay(f: Figures) -> str:
     return (
-        f"{f['channel']} is {_milliseconds(f)} {_sense(f['delay'])} against what {f['other']} give; without a measured "
-        "vy, its rate of change is a part of this: not shifted"
+        f"{f['channel']} {_sense(f['delay'])} the value computed from {f['other']} by {_milliseconds(f)}; without a "
+        "measured vy, its rate of change is a part of this: not shifted"
     )
 
 
@@ -147,7 +148,8 @@ FINDINGS: dict[str, Text] = {
     "unknown_step": "a step of {step:.4g} s is not usual for a recorder, and no channels determine the true one: give "
     "the clock's unit",
     "true_step": _true_step,
-    "scale": "{channel} is {gain:.4g} ± {width:.2g} times what {others} give, {offset:+.3g} {unit}",
+    "scale": "{channel} is {gain:.4g} ± {width:.2g} times the value computed from {others}, with an offset of "
+    "{offset:+.3g} {unit}",
     "mistakes": "would be explained by: {mistakes}",
     "impossible_turn": "speed times yaw rate reaches {value:.3g} m/s^2, more than tyres can hold: deg as rad, km/h as "
     "m/s?",
@@ -172,8 +174,8 @@ FINDINGS: dict[str, Text] = {
     "ambiguous_delay": _ambiguous_delay,
     "accelerometer_position": _accelerometer_position,
     "common_source": lambda f: (
-        f"{f['channel']} changes on the same rows as channels that are "
-        f"{1e3 * float(f['delay']):.3g} ms late: it comes from the same source"
+        f"{f['channel']} changes on the same rows as channels with a delay of "
+        f"{1e3 * float(f['delay']):.3g} ms: it comes from the same source"
     ),
     "clock_drift": lambda f: (
         f"the delay of {f['channel']} against {f['other']} changes by "

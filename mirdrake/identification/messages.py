@@ -45,7 +45,7 @@ def explanation(judgement: Judgement) -> str:
     if judgement.inseparable:
         text += f"; {info.name} and {' and '.join(judgement.inseparable)} are not separable in this log"
     if judgement.remedy:
-        text += f": {judgement.remedy}"
+        text += f"; {judgement.remedy}"
     if judgement.contradicts and parameter.given is not None:
         text += f"; the given {_quantity(parameter.given, info.unit)} lies outside of the interval"
         text += "; this proves neither wrong"

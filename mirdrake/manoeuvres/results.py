@@ -131,7 +131,7 @@ def format_status(used: SettingRecord) -> str:
 
 
 def recalled(outcome: Outcome) -> list[str]:
-    """Return the names of the settings whose numbers are recalled, not verified."""
+    """Return the names of the settings whose numbers are recalled, not verified in a source."""
     return [used.name for used in outcome.used if used.status == "R" and not used.given]
 
 
@@ -149,4 +149,4 @@ def describe(outcome: Outcome) -> Iterator[str]:
     for note in outcome.notes:
         yield f"  note: {note}"
     if recalled(outcome) and outcome.verdict != "not possible":
-        yield f"  recalled, not verified: {', '.join(recalled(outcome))}"
+        yield f"  settings not verified in a source: {', '.join(recalled(outcome))}"

@@ -214,7 +214,7 @@ class BrakingSpec(ManoeuvreSpec):
             outcome.add(f"distance_{key}", f"From {text} to standstill", braking.distance, "m")
             if first:
                 outcome.add("time", "Braking time", braking.time, "s")
-            outcome.add(f"mean_{key}", "Mean deceleration of the distance", braking.mean, "m/s²", text)
+            outcome.add(f"mean_{key}", "Mean deceleration over the distance", braking.mean, "m/s²", text)
             if first:
                 note = "80 to 10 % of the speed"
                 outcome.add("mfdd", "Mean fully developed deceleration", braking.developed, "m/s²", note)

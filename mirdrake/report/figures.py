@@ -292,7 +292,7 @@ def _limits(panel: Panel) -> tuple[float, float, str]:
         if high - low > 3.0 * reach > 0.0:
             peak = max(high, low, key=lambda end: max(end - ceiling, bottom - end))
             low, high = max(low, bottom - 0.3 * reach), min(high, ceiling + 0.3 * reach)
-            note = f"peaks to {format_quantity(peak, panel.unit)} cut off"
+            note = f"spikes to {format_quantity(peak, panel.unit)} not shown"
     if panel.zero:
         low, high = min(low, 0.0), max(high, 0.0)
     # The third term keeps constant curves from a range of zero.

@@ -111,7 +111,7 @@ def _tiles(results: HandlingResults) -> list[Tile]:
 
 
 def _powertrain(results: HandlingResults) -> str:
-    return f"power-limited top speed {results.facts.top_speed * 3.6:.0f} km/h"
+    return f"top speed on the flat {results.facts.top_speed * 3.6:.0f} km/h"
 
 
 def _plant(results: HandlingResults) -> str:

@@ -78,7 +78,11 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     tiles = [
         ("Logs", str(len(data.logs)), f"{len(data.train)} for training, {len(data.validation)} for validation"),
         ("Samples", f"{rows:,}".replace(",", "\u202f"), f"{length:.4g} s after repairs"),
-        ("Findings", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
+        (
+            "Findings",
+            str(faults + warnings),
+            f"{faults} fault{'s' * (faults != 1)}, {warnings} warning{'s' * (warnings != 1)}",
+        ),
         ("Repairs", str(len(report.repairs)), "each is listed below"),
     ]
     # The headline answers the question of the page: whether the data can be used.

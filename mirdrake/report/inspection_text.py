@@ -54,7 +54,11 @@ def figure_rows(figures: Inspection) -> list[tuple[str, str, str]]:
             "roll, pitch, yaw about the centre of mass",
         ),
         ("Radii of gyration", _metres(figures.gyration), "roll, pitch, yaw: √(I / m)"),
-        ("Dynamic index", f"{figures.dynamic_index:.2f}", "k² / (a b) of the yaw inertia; cars have 0.8 to 1.1"),
+        (
+            "Dynamic index",
+            f"{figures.dynamic_index:.2f}",
+            "k² / (a b) of the yaw inertia; cars have 0.8 to 1.1, robots 0.4 to 0.7",
+        ),
         ("Rollover threshold", f"{figures.static_stability:.2f} g", "T / 2h, on rigid tyres"),
     ]
 

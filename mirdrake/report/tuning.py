@@ -65,6 +65,7 @@ def render_tuning(result: TuningResult) -> str:
         legend=[(entry.role, entry.name, f"var(--{entry.colour})", entry.dashed) for entry in shown],
         robustness=tables.robustness(),
         head=tables.head(),
+        groups=tables.groups(),
         rows=tables.rows(),
         rejected=tables.rejected(),
         origins=tables.origins(),

@@ -3,13 +3,16 @@
 import math
 from dataclasses import dataclass
 
-from mirdrake.report.tuning_texts import FIGURES, KINDS, Texts, criterion_text
+from mirdrake.report.tuning_texts import FIGURES, GROUPS, KINDS, Texts, criterion_text
 from mirdrake.report.words import format_quantity
 from mirdrake.tuning.result import CandidateResult, ScheduleTest
 from mirdrake.tuning.scenarios import describe
 
 _MONTE_CARLO_FIGURES = ("iae", "overshoot_percent", "settling_time", "ms", "phase_margin_deg", "saturation_time")
 """Figures of the Monte Carlo that are shown, besides those of the cost."""
+
+_MOST_COLUMNS = 7
+"""Columns of numbers of a table of candidates, so that it fits a page of 1080 px."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,19 @@ class Tables:
         """Return label and unit of the columns of numbers in the table of candidates."""
         gains = [(name, gain.unit) for name, gain in self.result.loop.gains.items()]
         return [*gains, ("Cost", ""), *(self.texts.figure(name) for name in self._names())]
+
+    def groups(self) -> list[tuple[str, list[int]]]:
+        """Return the title of each table of candidates, and its columns as indices into :meth:`head`."""
+        gains, names = len(self.result.loop.gains) + 1, self._names()
+        titles = {name: title for title, figures in GROUPS.items() for name in figures}
+        groups: dict[str, list[int]] = {"Gains and cost": list(range(gains))}
+        for column, name in enumerate(names, start=gains):
+            groups.setdefault(titles.get(name, "Other figures"), []).append(column)
+        return [
+            (title if start == 0 else "", columns[start : start + _MOST_COLUMNS])
+            for title, columns in groups.items()
+            for start in range(0, len(columns), _MOST_COLUMNS)
+        ]
 
     def _names(self) -> list[str]:
         """Return the figures that any candidate has, in the order of :data:`FIGURES`."""

@@ -37,6 +37,13 @@ FIGURES: dict[str, tuple[str, str]] = {
 }
 """Label and unit of each figure; y and u are the units of output and effort."""
 
+GROUPS = {
+    "Response": ("iae", "itae", "ise", "overshoot_percent", "rise_time", "settling_time", "steady_error"),
+    "Effort and jerk": ("peak_effort", "rms_effort", "total_variation", "saturation_time", "rms_jerk", "peak_jerk"),
+    "Stability margins": ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin"),
+}
+"""Figures of each table of candidates."""
+
 UNLIMITED = {"gain_margin", "delay_margin_s", "phase_margin_deg"}
 """Margins that a loop may not have: nothing makes it unstable."""
 
@@ -227,8 +234,8 @@ class Texts:
     def _optimistic_margins(self) -> list[str]:
         """Return a sentence per margin of the winner that the plant does not confirm in full."""
         return [
-            f"{self.figure(check.name)[0]}: {self.value(check.name, check.model)} by the model; on the plant "
-            f"{self.value(check.name, check.claimed)}, which is claimed."
+            f"{self.figure(check.name)[0]}: {self.value(check.name, check.model)} on the model, "
+            f"{self.value(check.name, check.claimed)} on the plant; this page states the smaller one."
             for check in (self.winner.margins if self.winner else ())
             if check.claimed < check.model
         ]
@@ -261,7 +268,7 @@ class Texts:
         match rejection.check:
             case "constraint" | "margin":
                 sign = "below" if rejection.figure in AT_LEAST else "above"
-                value, limit = (_exact(number) for number in (rejection.value, rejection.limit))
+                value, limit = _distinct(rejection.value, rejection.limit)
                 on = " on the plant" if rejection.check == "margin" else ""
                 return f"{self.figure(rejection.figure)[0]} {value}{on} is {sign} the limit {limit}"
             case "finer_step":
@@ -400,6 +407,10 @@ def acceptance_notes(result: TuningResult, chosen: CandidateResult) -> list[str]
     return [*notes, f"'{chosen.name}' was rejected: {rejected}"] if rejected else notes
 
 
-def _exact(value: float | None) -> str:
-    """Return a number with enough digits to distinguish it from its limit."""
-    return "undefined" if value is None else f"{value:.6g}"
+def _distinct(value: float | None, limit: float | None) -> tuple[str, str]:
+    """Return a value and its limit with as many digits as distinguish them, at least three."""
+    for digits in range(3, 7):
+        texts = tuple("undefined" if number is None else f"{number:.{digits}g}" for number in (value, limit))
+        if texts[0] != texts[1]:
+            break
+    return texts[0], texts[1]

@@ -143,10 +143,9 @@ def _plan_speed(signals: VehicleSignals) -> Plan | None:
         curves.append(Curve("set-point", command, "ink", dashed=True))
         gap = np.abs(speed - command)
         if np.isfinite(gap).any():
-            # The median, as the mean would be dominated by the start.
-            caption += (
-                f"; half of the time within {format_quantity(np.nanmedian(gap), 'm/s', digits=2)} of the set-point"
-            )
+            # The median, as the mean would be dominated by the start; a captioned zero would claim exact equality.
+            within = format_quantity(max(float(np.nanmedian(gap)), 1e-4), "m/s", digits=2)
+            caption += f"; half of the time within {within} of the set-point"
             error = Curve("speed − set-point", speed - command, "main")
             # Spikes at changes of the set-point are cut, or they would hide the steady error.
             panels.append(Panel("Speed minus set-point", "m/s", [error], zero=True, trim=3.0, relative_height=0.62))
@@ -232,8 +231,7 @@ def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | N
         # Kinematic yaw rate of the single-track model without side slip.
         tangent = np.tan(bicycle_angles(signals["steering_angle.left"], signals["steering_angle.right"]))
         curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
-        caption += " Dashed: what the front wheels would give without side slip, with the wheelbase"
-        caption += f" L\u00a0=\u00a0{wheelbase:.2f}\u00a0m."
+        caption += f" Dashed: kinematic yaw rate, without sideslip; wheelbase L\u00a0=\u00a0{wheelbase:.2f}\u00a0m."
     return "yaw-rate", "Yaw rate", [Panel("Yaw rate", "°/s", curves, zero=True)], caption
 
 

@@ -85,7 +85,7 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
         RunError: the response has not settled, or is constant.
     """
     if method not in ("tangent", "area", "least_squares"):
-        raise ConfigError(f"fit_first_order: {did_you_mean(method, ('tangent', 'area', 'least_squares'))}")
+        raise ConfigError(f"unknown method '{method}'; {did_you_mean(method, ('tangent', 'area', 'least_squares'))}")
     time = record.time
     # Change from the first sample; gain and shape then do not depend on the operating point.
     change = record.measurement - record.measurement[0]

@@ -2,6 +2,7 @@
 
 import math
 
+from mirdrake.vehicles.estimates import YAW_COEFFICIENT, yaw_coefficient
 from mirdrake.vehicles.figures import Inspection, JointRole, LinkFigures
 from mirdrake.vehicles.vehicle import Vehicle
 
@@ -51,10 +52,14 @@ def _balance(figures: Inspection) -> list[str]:
         )
     if abs(y) > 0.02 * figures.tracks[1]:
         messages.append(f"centre of mass {abs(y):.3f} m to the {'left' if y > 0.0 else 'right'}")
-    # Yaw inertia over m a b; far from 1 the masses are probably wrong.
-    if not 0.5 < figures.dynamic_index < 1.5:
-        index = figures.dynamic_index
-        messages.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
+    # Yaw inertia over m a b; far from the usual value the masses are probably wrong. Robots have their mass nearer to
+    # the middle than cars.
+    usual = yaw_coefficient(figures.mass) / YAW_COEFFICIENT[1]
+    if not 0.5 * usual < figures.dynamic_index < 1.5:
+        messages.append(
+            f"yaw inertia {figures.inertia[2]:.4g} kg m²: {figures.dynamic_index:.2f} m a b; cars have 0.8 to 1.1, "
+            "robots below 100 kg 0.4 to 0.7"
+        )
     # A body longer than wide has more inertia in pitch than in roll.
     roll, pitch, _ = figures.inertia
     if roll > pitch and figures.wheelbase > max(figures.tracks):

@@ -147,8 +147,9 @@ def read_quantity(quantity: Quantity, value: Any) -> float:
             hint = f"; is it '{value} deg'?"
         elif quantity.unit == "m" and quantity.high < number and quantity.low <= number / 1000.0 <= quantity.high:
             hint = f"; is it '{value} mm'?"
-        allowed = f"{quantity.low:g} to {quantity.high:g} {quantity.unit}"
-        raise ConfigError(f"{name} {number:g} {quantity.unit} is not allowed; allowed: {allowed}{hint}")
+        unit = "" if quantity.unit == "-" else f" {quantity.unit}"
+        allowed = f"{quantity.low:g} to {quantity.high:g}{unit}"
+        raise ConfigError(f"{name} {number:g}{unit} is not allowed; allowed: {allowed}{hint}")
     return float(number)
 
 
@@ -171,7 +172,7 @@ def check_plausible(values: Mapping[str, float]) -> None:
         ("track_rear", max(0.7 * track, 1.25 * tread), 1.4 * track, "0.7 to 1.4 tracks of the front axle"),
         ("mass", 10.0 * box, 5000.0 * box, "10 to 5000 kg for each m³ of wheelbase x track x 4 wheel radii"),
         ("wheel_width", 0.1 * radius, 2.0 * radius, "2 wheel radii"),
-        ("length", wheelbase, 3.0 * wheelbase, "1 to 3 wheelbases"),
+        ("length", wheelbase + 2.0 * radius, 3.0 * wheelbase, "from wheelbase and two wheel radii to 3 wheelbases"),
         ("width", 0.7 * track, 2.0 * (track + tread), "0.7 tracks to twice track and wheel width"),
         ("height", 2.1 * radius, 15.0 * radius, "2.1 to 15 wheel radii"),
         ("com_height", 0.3 * radius, 0.9 * values.get("height", 10.0 * radius), "0.3 wheel radii to 0.9 heights"),

@@ -21,6 +21,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from mirdrake.core.errors import RunError
+from mirdrake.viewer.pages import with_title
 from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.websocket import (
     BINARY,
@@ -73,6 +74,7 @@ class PageServer:
         files: returns the content of a path of the page, "" for the page itself; None if there is none.
         posts: functions by path that answer a posted JSON object, in threads of the server.
         upstream: Meshcat, for the page and files that `files` does not have.
+        title: of the page, if it is that of `upstream`.
         largest: largest size of a request body [byte].
 
     Attributes:
@@ -91,9 +93,10 @@ class PageServer:
         files: Callable[[str], Answer | None] = lambda _: None,
         posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, object]]] | None = None,
         upstream: Upstream | None = None,
+        title: str = "mirdrake",
         largest: int = MOST,
     ) -> None:
-        self.largest = largest
+        self.largest, self.title = largest, title
         self.token, self.files, self.posts, self.upstream = secrets.token_urlsafe(16), files, posts or {}, upstream
         # Bound to the loopback address: other computers cannot connect.
         self._server = _listen(name, partial(_Handler, self), list(ports))
@@ -254,6 +257,8 @@ class _Handler(BaseHTTPRequestHandler):
             # 502 states that Meshcat has ended; anything else is a file that does not exist.
             self.send_error(status if status == 502 else 404)
             return None
+        if path == "":
+            content = with_title(content.decode(), self._site.title).encode()
         return content, kind
 
     def _tunnel(self) -> None:

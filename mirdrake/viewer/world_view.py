@@ -196,7 +196,10 @@ def show_examination(
         collision: show the collision shapes at first.
         names: show the names at first.
     """
-    meshcat = make_offline_meshcat(world=check.world) if offline else make_meshcat(port=port, world=check.world)
+    title = check.world.name if check.world is not None else "mirdrake"
+    meshcat = (
+        make_offline_meshcat(world=check.world) if offline else make_meshcat(port=port, world=check.world, title=title)
+    )
     return meshcat, WorldView(meshcat, check, collision=collision, names=names)
 
 

@@ -172,7 +172,7 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
     # A road with three neighbours is a branch, even if all roads were visited.
     if len(chain) < len(free) or any(len(neighbours) > 2 for neighbours in beside.values()):
         raise ConfigError(
-            f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2': "
+            f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2'; "
             f"{did_you_mean('', free)}"
         )
     return chain
