@@ -130,7 +130,7 @@ def test_the_same_result_gives_the_same_bytes(sample: TuningResult, page: str) -
 
 
 def test_units_are_those_of_the_loop(page: str) -> None:
-    head = sum((rows[0] for rows in _tables(page) if rows[0][0] == "Candidate"), [])
+    head = [cell for rows in _tables(page) if rows[0][0] == "Candidate" for cell in rows[0]]
     start = head.index("Verdict") + 1
     assert head[start : start + 4] == ["kpN m s/rad", "kiN m/rad", "kdN m s²/rad", "Cost\u00a0"]
     assert {"IAErad", "ITAErad s", "ISE(rad/s)² s", "RMS jerkrad/s³", "Peak effortN m", "Phase margin°"} <= set(head)
