@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiscreteValues
 
+from mirdrake.core.interpolation import read_map
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.plant.powertrain.actuator import ActuatorLaw
-from mirdrake.plant.powertrain.maps import read_map
 from mirdrake.plant.powertrain.system import RATE, planar_velocity
 
 if TYPE_CHECKING:
