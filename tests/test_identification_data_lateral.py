@@ -71,7 +71,7 @@ def test_velocities_of_one_source_have_the_same_delay(ahead):
     report = checked(drive(2, late={"vx": 0.1, "vy": 0.1}, ahead=ahead))
     (fault,) = report.of("delay", "vy, lateral_acceleration")
     assert fault.value == pytest.approx(0.1, abs=0.01)
-    assert "vx is as late" in fault.text
+    assert "vx lags by as much" in fault.text
     assert fault.repair.startswith("shifted vy by -")
     assert "vx by -" in fault.repair
     assert "yaw_rate" not in fault.repair

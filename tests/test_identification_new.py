@@ -98,6 +98,25 @@ def test_both_wheels_latitude_and_longitude_give_steering_and_position(tmp_path,
     assert "road_wheel_angle from road_wheel_angle_left and road_wheel_angle_right: mean of both" in " ".join(log.notes)
 
 
+def test_spin_angles_of_wheels_are_not_steering(tmp_path, capsys):
+    """A run of mirdrake as CSV: angles of wheels about their axles grow, and change no sign of other channels."""
+    t, c = truth()
+    radius, half = 0.3, 0.75
+    columns = {
+        "time [s]": t, "ego.x [m]": c["x"], "ego.y [m]": c["y"], "ego.yaw [rad]": c["yaw"], "ego.vx [m/s]": c["vx"],
+        "ego.wz [rad/s]": c["yaw_rate"], "ego.steering_angle.left [rad]": 1.03 * c["road_wheel_angle"],
+        "ego.steering_angle.right [rad]": 0.97 * c["road_wheel_angle"],
+    }  # fmt: skip
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        turned = np.cumsum((c["vx"] + sign * half * c["yaw_rate"]) / radius) * (t[1] - t[0])
+        columns |= {f"ego.wheel_angle.{axle}_{side} [rad]": turned for axle in ("front", "rear")}
+    write_table(tmp_path / "signals.csv", columns.values(), ",".join(columns) + "\n")
+    log, text = proposed(tmp_path, "signals.csv", capsys)
+    agree(log, c, ("x", "y", "vx", "yaw_rate", "road_wheel_angle"))
+    assert "sign: -1" not in text
+    assert "column: ego.wheel_angle" not in text
+
+
 def test_topics_of_a_bag_are_mapped_by_the_types_of_their_messages(tmp_path, capsys):
     """An IMU, odometry, a command, and a vendor's own type, as JSON in MCAP."""
     t, c = truth()

@@ -66,7 +66,7 @@ def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path,
     assert "Step steer" in page
     assert "magic formula tyres, relaxation" in page  # as of bolt@handling
     assert "its largest one may be too high" in page
-    assert "recalled, not verified" in page
+    assert "not verified in a source" in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert (out / "step_steer" / "step_steer.svg").read_text(encoding="utf-8").count("Yaw rate [deg/s]") == 1
     run = load_run(out / "step_steer" / "step_1")
@@ -74,7 +74,7 @@ def test_a_step_on_the_reduced_model_writes_run_figures_table_and_page(tmp_path,
     with (out / "metrics.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["metric"] for row in rows} == set(figures)
-    assert "recalled, not verified: speed" in output
+    assert "not verified in a source: speed" in output
 
 
 def test_braking_by_command_keeps_to_the_slope_of_the_speed_control(tmp_path):

@@ -39,7 +39,7 @@ class Delay(NamedTuple):
     """Delay of one signal against another.
 
     Attributes:
-        value: positive if the first signal is late [s].
+        value: positive if the first signal lags [s].
         sigma: its standard deviation, from its scatter over the log [s].
         drift: change of the delay with time [s/s].
         drift_sigma: its standard deviation [s/s].

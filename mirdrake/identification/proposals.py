@@ -42,6 +42,11 @@ _UNITS = {
 HAND_WHEEL = 10.0
 """Length v δ / r above which δ is the angle of a hand wheel, as no road vehicle has this wheelbase [m]."""
 
+MAX_ROAD_ANGLE = 1.5
+"""Largest angle of a road wheel about its steering axis [rad]; the joints of vehicles allow less."""
+
+_ROAD_WHEELS = ("road_wheel_angle_left", "road_wheel_angle_right")
+
 _SIGN_COST = {"speed": 3.0, "vx": 3.0, "yaw": 0.8}
 """Cost of a negative sign: a speed is seldom negative, a compass turns to the right."""
 
@@ -212,6 +217,9 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
             if found != "steering" or stated not in {"%", "-"}:
                 continue  # a pressure of the brakes is not a pedal
             name, si = "steering_command", "1"
+        # The spin angle of a wheel grows without a limit.
+        if name in _ROAD_WHEELS and stated and np.nanmax(np.abs(values)) * unit_factor(stated, si) > MAX_ROAD_ANGLE:
+            continue
         unit = stated or unit_by_name(column, si)
         reasons = ("name", "unit in the file" if stated else "unit in the name" if unit else "")
         if name in proposals:
@@ -337,9 +345,8 @@ def _solve_steering(proposals: list[Proposal], numbers: Mapping[str, Array], sec
         if item.channel != "road_wheel_angle" or channel_by_name(item.column) == "road_wheel_angle":
             result.append(item)
             continue
-        # No road wheel turns by more than 1.5 rad.
         size = float(np.nanpercentile(np.abs(numbers[item.column]), 99.0))
-        unit = item.unit if item.is_stated or size < 1.5 else "deg"
+        unit = item.unit if item.is_stated or size < MAX_ROAD_ANGLE else "deg"
         factor = unit_factor(unit, "rad")
         length = _steering_length(log, factor / item.factor)
         is_hand = size * factor > 0.9 if length is None else length > HAND_WHEEL

@@ -1,7 +1,7 @@
 """The pace of a drive: simulated time follows the wall clock, and pictures are drawn in the remaining time.
 
 Time slices are due at fixed times. After a slice that ends late, the next ones do not wait until the drive has caught
-up. Pictures are less frequent while the drive is late, and take at most a share of the time.
+up. Pictures are less frequent while the drive lags real time, and take at most a share of the time.
 """
 
 import time
@@ -17,7 +17,7 @@ LATE = 0.02
 """Delay against the wall clock above which pictures are less frequent [s]."""
 
 SHARE = 0.25
-"""Largest share of pictures in the wall-clock time [1]; a fifth of it while the drive is late."""
+"""Largest share of pictures in the wall-clock time [1]; a fifth of it while the drive lags real time."""
 
 
 class Pace:
