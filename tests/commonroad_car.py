@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
-from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.suspension import make_axle_forces
 from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
@@ -257,7 +257,7 @@ def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], 
     )
     plant, part = parts.plant, parts.vehicles["ego"]
     _, tyres = add_tyres(builder, parts, period=step)
-    bars = make_anti_roll(plant, part)
+    bars = make_axle_forces(plant, part)
     forces = [tyres.generalized_force]
     if bars is not None:
         builder.AddSystem(bars)

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVecto
 
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.plant.suspension import make_anti_roll, make_bump_stops
+from mirdrake.plant.suspension import make_axle_forces, make_bump_stops
 from mirdrake.plant.wheels import WheelReadings
 from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
@@ -124,7 +124,7 @@ def pushed_car(
     push.F_Bq_W = SpatialForce(np.zeros(3), np.array(force))
     pushed = builder.AddSystem(ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push])))
     builder.Connect(pushed.get_output_port(), plant.get_applied_spatial_force_input_port())
-    more = [one for one in (make_anti_roll(plant, part), make_bump_stops(plant, part)) if one is not None]
+    more = [one for one in (make_axle_forces(plant, part), make_bump_stops(plant, part)) if one is not None]
     total = builder.AddSystem(Adder(1 + len(more), plant.num_velocities()))
     builder.Connect(tyres.generalized_force, total.get_input_port(0))
     for index, one in enumerate(more, start=1):

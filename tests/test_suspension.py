@@ -16,7 +16,7 @@ from mirdrake.core.errors import ConfigError, ModelError
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.plant.rest_pose import find_rest_pose
-from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.suspension import make_axle_forces
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
@@ -283,7 +283,7 @@ def test_travel_ends_at_the_stops():
 def test_an_anti_roll_bar_acts_on_the_difference_of_travel_only():
     parts = make_plant(DiagramBuilder(), load_world("empty"), {"other": load_vehicle("bolt"), "ego": bolt()})
     plant, part = parts.plant, parts.vehicles["ego"]
-    gain = make_anti_roll(plant, part)
+    gain = make_axle_forces(plant, part)
     assert gain is not None
     context = gain.CreateDefaultContext()
     root = plant.CreateDefaultContext()
@@ -294,13 +294,24 @@ def test_an_anti_roll_bar_acts_on_the_difference_of_travel_only():
     rows = [joint.velocity_start() for joint in part.suspension]
     assert force[rows] == pytest.approx([-400.0, 400.0, 360.0, -360.0])
     assert np.delete(force, rows) == pytest.approx(0.0)
-    assert make_anti_roll(plant, parts.vehicles["other"]) is None
+    assert make_axle_forces(plant, parts.vehicles["other"]) is None
 
 
-def test_without_bars_there_is_nothing_to_add():
+def test_half_of_the_damping_is_that_of_the_velocity_at_the_beginning_of_a_step():
     soft = {"stiffness": 28000.0, "damping": 2000.0}
     parts = make_plant(DiagramBuilder(), load_world("empty"), {"ego": on_springs(front=soft, rear=soft)})
-    assert make_anti_roll(parts.plant, parts.vehicles["ego"]) is None
+    plant, part = parts.plant, parts.vehicles["ego"]
+    gain, root = make_axle_forces(plant, part), plant.CreateDefaultContext()
+    assert gain is not None
+    rates = np.array([0.3, 0.1, -0.2, 0.2])
+    for joint, rate in zip(part.suspension, rates, strict=True):
+        joint.set_translation_rate(root, rate)
+        assert joint.GetDampingVector(root) == pytest.approx([1000.0])
+    context = gain.CreateDefaultContext()
+    gain.get_input_port().FixValue(context, plant.GetPositionsAndVelocities(root, part.instance))
+    force = gain.get_output_port().Eval(context)
+    assert force[[joint.velocity_start() for joint in part.suspension]] == pytest.approx(-1000.0 * rates)
+    assert np.count_nonzero(force) == 4
 
 
 # --- on the road -------------------------------------------------------------------------------------------------

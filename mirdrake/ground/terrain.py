@@ -34,8 +34,8 @@ from mirdrake.ground.rays import RAY_PARTS, refine_hits
 
 Array = NDArray[np.float64]
 
-SAMPLES = 33
-"""Samples of the ground along a wheel on uneven ground: one every 1.7 cm for a wheel with a radius of 0.3 m. Steep
+SAMPLES = 65
+"""Samples of the ground along a wheel on uneven ground: one every 9 mm for a wheel with a radius of 0.3 m. Steep
 faces should be longer than this, so that the force changes smoothly."""
 
 _CELL = 8.0  # side of the cells in which the pieces of a road are indexed [m]

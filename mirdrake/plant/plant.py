@@ -397,7 +397,9 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     # PrismaticSpring gives -k (x - x0): at zero travel the spring presses the wheel down with its static load.
     for joint, corner, load in zip(joints, suspension.corners(), vehicle.spring_loads, strict=True):
         plant.AddForceElement(PrismaticSpring(joint, -load / corner.stiffness, corner.stiffness))
-        joint.set_default_damping(corner.damping)
+        # A discrete plant takes the velocity at the end of the step. That of its beginning acts on the other half, an
+        # external force of :func:`mirdrake.plant.suspension.make_axle_forces`: the trapezoidal rule.
+        joint.set_default_damping(corner.damping * (0.5 if plant.time_step() > 0.0 else 1.0))
     return joints
 
 

@@ -1,8 +1,13 @@
 """Forces of a suspension that Drake has no element for: anti-roll bars and bump stops.
 
-Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`), and forces of the arms are part of
-the tyre forces (:mod:`mirdrake.plant.wheels.arms`). What follows here is applied as generalised forces on the joints of
-the wheel travels z, which are positive in bump.
+Springs are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`), and forces of the arms are part of the tyre
+forces (:mod:`mirdrake.plant.wheels.arms`). What follows here is applied as generalised forces on the joints of the
+wheel travels z, which are positive in bump.
+
+**Dampers.** The joint damping of a discrete step of Drake takes the velocity at the end of the step (implicit Euler).
+It would lead the other forces by half a step: at 5 ms the body's vertical motion is wrong by 3 % at 3 Hz and by 11
+degrees at 20 Hz. One half of a damper is therefore joint damping, the other one acts here on the velocity at the
+beginning of the step: the trapezoidal rule, of second order and stable for any damping.
 
 **Anti-roll bar**: a torsion spring between the wheels of an axle, with the stiffness k,
 
@@ -36,25 +41,30 @@ MAX_STOP_RATE = 1.0
 The stop is integrated explicitly, which is unstable above 2."""
 
 
-def make_anti_roll(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | None:
-    """Return a gain from the state of a model instance to the plant's generalised forces; None without bars.
+def make_axle_forces(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | None:
+    """Return a gain from the state of a model instance to the plant's generalised forces; None without suspension.
+
+    The forces are those of the anti-roll bars and of the explicit half of the dampers.
 
     Args:
         plant: finalised plant.
         part: the vehicle.
     """
     springs = part.vehicle.spec.suspension
-    if springs is None or not part.suspension or not (springs.front.anti_roll or springs.rear.anti_roll):
+    if springs is None or not part.suspension:
         return None
-    # Indices of the joints' positions in the state of the instance: Drake sorts them as in the whole state.
-    picked = plant.GetPositionsFromArray(part.instance, np.arange(plant.num_positions(), dtype=float)).tolist()
-    columns = [picked.index(joint.position_start()) for joint in part.suspension]
+    # Indices of the joints' positions and velocities in the state of the instance: Drake sorts them as in the whole.
+    q = plant.GetPositionsFromArray(part.instance, np.arange(plant.num_positions(), dtype=float)).tolist()
+    v = plant.GetVelocitiesFromArray(part.instance, np.arange(plant.num_velocities(), dtype=float)).tolist()
+    columns = [q.index(joint.position_start()) for joint in part.suspension]
     rows = [joint.velocity_start() for joint in part.suspension]
     D = np.zeros((plant.num_velocities(), plant.num_multibody_states(part.instance)))
     for axle, bar in ((0, springs.front), (2, springs.rear)):
         left, right = axle, axle + 1
         D[rows[left], columns[left]] = D[rows[right], columns[right]] = -bar.anti_roll
         D[rows[left], columns[right]] = D[rows[right], columns[left]] = bar.anti_roll
+    for joint, row, corner in zip(part.suspension, rows, springs.corners(), strict=True):
+        D[row, len(q) + v.index(row)] = joint.default_damping() - corner.damping
     return MatrixGain(D)
 
 

@@ -10,7 +10,7 @@ from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import signals_of
 from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces
 from mirdrake.plant.plant import PlantParts
-from mirdrake.plant.suspension import make_anti_roll, make_bump_stops
+from mirdrake.plant.suspension import make_axle_forces, make_bump_stops
 from mirdrake.plant.wheels import LOAD_PERIOD, GroundTyres, TyreSystem, WheelReadings, WheelTyres
 
 
@@ -60,11 +60,11 @@ def add_outer_forces(wiring: Wiring, parts: PlantParts, tyres: Mapping[str, Tyre
         # A powertrain, if there is one, drives and brakes the wheels.
         if f"{name}.wheel_torque" in wiring.sources:
             wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
-        anti_roll = make_anti_roll(plant, part)
-        if anti_roll is not None:
-            wiring.add(f"{name}.anti_roll", anti_roll)
-            wiring.link(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
-            forces.append(anti_roll.get_output_port())
+        springs = make_axle_forces(plant, part)
+        if springs is not None:
+            wiring.add(f"{name}.axle_forces", springs)
+            wiring.link(plant.get_state_output_port(part.instance), springs.get_input_port())
+            forces.append(springs.get_output_port())
         stops = make_bump_stops(plant, part)
         if stops is not None:
             wiring.add(f"{name}.bump_stops", stops)

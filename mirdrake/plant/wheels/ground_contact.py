@@ -2,16 +2,24 @@
 
 The wheel is a disc in its middle plane. On a plane its deflection d is measured along the disc, and the contact centre
 is the point of the plane that is nearest to the wheel centre in the disc. On uneven ground the plane is replaced by an
-effective one, by the equivalence of the deflected area (D. C. Davis, A radial-spring terrain-enveloping tire model,
-Vehicle System Dynamics 4, 1975; the equivalent-plane method of Adams/Tire):
+effective one. The tyre is a ring of radial springs (D. C. Davis, A radial-spring terrain-enveloping tire model, Vehicle
+System Dynamics 4, 1975), whose energy is mapped to that of the tyre on a plane. Over the area A of the disc below the
+ground, with r from the wheel centre and the radius R::
 
-- A is the area of the disc below the ground, S its first moment about the wheel centre.
+    P = ∫ (R² - r²) / 2 dA,    S = ∫ r dA = dP / d(wheel centre)
+
+For small deflections P / R is the energy of springs of unit stiffness, and -S / R their force. On a plane
+P' = S = 2/3 (2 R d - d²)^1.5.
+
+- The effective deflection d is that of a plane with the same P. A tyre with the energy U(d) on a plane thus has U on
+  uneven ground as well, and the force -U'(d) S / S_plane(d).
 - The effective normal is the direction of -S. A sharp edge thus pushes towards the wheel centre.
-- The effective deflection is that of a plane with the same area, A = R² acos((R - d) / R) - (R - d) √(2 R d - d²).
+- The share |S| / S_plane(d) is 1 on a plane, smaller on an edge and larger in a hollow.
 
-The tyre thereby envelops short waves and bridges gaps. Both integrals are sums over samples along the disc of the
-difference to the tangent plane below the wheel, plus the closed form of that plane, so they are exact on every plane.
-Where the disc is far from the ground, only every fourth sample is taken.
+So the force is conservative: no shape of the ground gives energy to a rolling tyre or takes it, except by its damping.
+The tyre envelops short waves and bridges gaps. Both integrals are sums over samples along the disc of the difference to
+the tangent plane below the wheel, plus the closed form of that plane, so they are exact on every plane.
+Where the disc is far from the ground, only every eighth sample is taken.
 Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an obstacle under one side of the tyre.
 """
 
@@ -24,8 +32,9 @@ from mirdrake.plant.wheels.arms import arm_motion
 from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
-_STRIDE, _GAP = 4, 0.02  # every fourth sample is taken; those between only where the disc is nearer to the ground [m]
+_STRIDE, _GAP = 8, 0.02  # every eighth sample is taken; those between only where the disc is nearer to the ground [m]
 _GAUSS = 0.5 / sqrt(3.0)  # distance of the rows from the middle over the width [1]
+_GRADE = 0.5  # largest slope of the tangent plane along the disc [1]
 _STEEP = 0.2  # smallest cosine between wheel plane and vertical
 # A fixed number of iterations: the parabola of the first guess is near, and the time per step is constant.
 _NEWTON = 4
@@ -37,7 +46,7 @@ class GroundContact(NamedTuple):
 
     Attributes:
         deflection: deflection of the tyre [m]; negative: distance of the disc from the ground, if that is a plane.
-        rate: rate of the deflection, by the motion of the wheel centre [m/s].
+        rate: speed of the wheel centre towards the effective plane [m/s].
         axle: direction of the axle, to the left (3).
         up: direction of steering axis and suspension (3).
         ahead: x axis of the tyre, on the effective plane (3).
@@ -54,6 +63,8 @@ class GroundContact(NamedTuple):
         path: derivative of the contact centre by the travel (3) [1].
         braked: see :class:`mirdrake.plant.wheels.motion.WheelMotion`.
         toe: the same.
+        rise: vertical velocity of the wheel centre [m/s].
+        share: force over that of the deflection on a plane [1].
     """
 
     deflection: float
@@ -74,9 +85,11 @@ class GroundContact(NamedTuple):
     path: tuple[float, float, float]
     braked: float
     toe: float
+    rise: float
+    share: float
 
 
-CONTACT_SIZE = 34
+CONTACT_SIZE = 36
 """Numbers of a :class:`GroundContact`."""
 
 
@@ -88,7 +101,7 @@ def pack_contact(row: MutableSequence[float], contact: GroundContact) -> None:
         row[8 + i], row[11 + i], row[14 + i] = contact.axle[i], contact.up[i], contact.ahead[i]
         row[17 + i], row[20 + i] = contact.left[i], contact.normal[i]
         row[23 + i], row[26 + i], row[29 + i] = contact.arm_base[i], contact.arm_pivot[i], contact.path[i]
-    row[32], row[33] = contact.braked, contact.toe
+    row[32], row[33], row[34], row[35] = contact.braked, contact.toe, contact.rise, contact.share
 
 
 def unpack_contact(row: Sequence[float]) -> GroundContact:
@@ -113,6 +126,8 @@ def unpack_contact(row: Sequence[float]) -> GroundContact:
         (row[29], row[30], row[31]),
         row[32],
         row[33],
+        row[34],
+        row[35],
     )
 
 
@@ -124,12 +139,14 @@ class EffectivePlane(NamedTuple):
         slope: x component of its normal in the disc, x horizontal ahead, w upwards in the disc.
         rise: w component of its normal in the disc.
         tilt: component of the normal along the axle, over that in the disc [1].
+        share: see :class:`GroundContact` [1].
     """
 
     deflection: float
     slope: float
     rise: float
     tilt: float
+    share: float
 
 
 def ground_contact(
@@ -232,6 +249,8 @@ def ground_contact(
         path,
         (arm.brake_rate - arm.x_rate) / rolling,
         arm.toe_rate,
+        dz,
+        plane.share,
     )
 
 
@@ -260,7 +279,7 @@ def effective_plane(
     cx, cy, cz = centre
     ex, ey = ahead
     ux, uy, level = upwards
-    area, moment_x, moment_w, tilt, weight = 0.0, 0.0, 0.0, 0.0, 0.0
+    energy, moment_x, moment_w, tilt, weight = 0.0, 0.0, 0.0, 0.0, 0.0
     slope, rise, deflection = 0.0, 0.0, 0.0
     rows = 2 if samples > 0 else 1
     # Each row is a disc of its own, displaced along the axle; a plane needs the middle one only.
@@ -271,27 +290,25 @@ def effective_plane(
         # The tangent plane in the disc: w = -height + gradient x.
         below = max(level - zx * ux - zy * uy, _STEEP)
         gradient = (zx * ex + zy * ey) / below
+        if samples > 0:  # that of a face is for the samples: its tangent plane would leave the sampled chord
+            gradient = max(-_GRADE, min(_GRADE, gradient))
+        incline = gradient * below
         px, py, pz = cx + offset * axle[0], cy + offset * axle[1], cz + offset * axle[2]
         height = (pz - z0 + zx * (x0 - px) + zy * (y0 - py)) / below
         norm = sqrt(1.0 + gradient * gradient)
-        # Closed form for the tangent plane: circular segment, and its first moment along the normal.
+        # Closed form of P and S for the tangent plane.
         depth = radius - height / norm
-        row_area, chord = 0.0, 0.0
-        if depth > 0.0:
-            chord = sqrt(max(2.0 * radius * depth - depth * depth, 0.0))
-            row_area = _segment_area(radius, depth)
-        third = 2.0 / 3.0 * chord * chord * chord
-        row_x, row_w = third * gradient / norm, -third / norm
-        # Differences of area and moments to those of the tangent plane.
+        row_energy, moment = _plane_energy(radius, depth), _plane_moment(radius, depth)
+        row_x, row_w = moment * gradient / norm, -moment / norm
+        # Differences to those of the tangent plane.
         step = 2.0 * _REACH * radius / (samples - 1) if samples > 1 else 0.0
-        incline = zx * ex + zy * ey
         gap = 0.0
         for k in range(0, samples, _STRIDE):
             s = -_REACH * radius + k * step
             z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
             raised, gap_before = (z - z0 - s * incline) / below, gap
-            change, level_w, gap = _strip(radius, s, gradient * s - height, raised)
-            row_area += change * step
+            change, level_w, spring, gap = _strip(radius, s, gradient * s - height, raised)
+            row_energy += change * step * spring
             row_x += change * step * s
             row_w += change * step * level_w
             # Far from the ground the skipped samples cannot contribute.
@@ -300,36 +317,39 @@ def effective_plane(
             for j in range(k - _STRIDE + 1, k):
                 s = -_REACH * radius + j * step
                 z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
-                change, level_w, _ = _strip(radius, s, gradient * s - height, (z - z0 - s * incline) / below)
-                row_area += change * step
+                raised = (z - z0 - s * incline) / below
+                change, level_w, spring, _ = _strip(radius, s, gradient * s - height, raised)
+                row_energy += change * step * spring
                 row_x += change * step * s
                 row_w += change * step * level_w
-        row_area = max(row_area, 0.0)
-        area += row_area
+        row_energy = max(row_energy, 0.0)
+        energy += row_energy
         moment_x += row_x
         moment_w += row_w
-        # Tilt across the wheel, weighted by the area: normal (-zx, -zy, 1) along the axle over that in the disc.
+        # Tilt across the wheel, weighted by the energy: normal (-zx, -zy, 1) along the axle over that in the disc.
         # The small weight lets rows without contact define the plane of a wheel in the air.
-        share = row_area + _SMALL
+        share = row_energy + _SMALL
         tilt += share * (axle[2] - zx * axle[0] - zy * axle[1]) / (below * norm)
         weight += share
         slope -= share * gradient / norm
         rise += share / norm
         deflection += depth / rows
 
-    # Plane of equal area, unless nothing is below the ground or the ground is above the wheel centre.
-    area, moment_x, moment_w = area / rows, moment_x / rows, moment_w / rows
+    # Plane of equal energy, unless nothing is below the ground or the ground is above the wheel centre.
+    energy, moment_x, moment_w = energy / rows, moment_x / rows, moment_w / rows
     if samples > 0:
         size = sqrt(moment_x * moment_x + moment_w * moment_w)
-        if area > _SMALL and size > _SMALL and moment_w < 0.0:
-            return EffectivePlane(_segment_depth(radius, area), -moment_x / size, -moment_w / size, tilt / weight)
-        # Without deflected area the tangent plane must not report contact.
+        if energy > _SMALL * radius**4 and moment_w < 0.0:
+            depth = _depth_of_energy(radius, energy)
+            share = size / _plane_moment(radius, depth)
+            return EffectivePlane(depth, -moment_x / size, -moment_w / size, tilt / weight, share)
+        # Without a deflection the tangent plane must not report contact.
         deflection = min(deflection, 0.0)
     size = sqrt(slope * slope + rise * rise)
-    return EffectivePlane(deflection, slope / size, rise / size, tilt / weight)
+    return EffectivePlane(deflection, slope / size, rise / size, tilt / weight, 1.0)
 
 
-def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[float, float, float]:
+def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[float, float, float, float]:
     """Return the difference of a strip of the disc to that on the tangent plane.
 
     Args:
@@ -340,29 +360,39 @@ def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[floa
 
     Returns:
         Length of the strip below the ground, beyond that below the plane [m], the height of its middle over the wheel
-        centre [m], and the distance of the disc from the ground or the plane, whichever is higher [m].
+        centre [m], the mean of (R² - r²) / 2 along it [m²], and the distance of the disc from the ground or the plane,
+        whichever is higher [m].
     """
     # The strip runs from the lower edge of the disc to the ground, at most over the whole chord.
     edge = -sqrt(radius * radius - s * s)
-    top = min(max(tangent + raised - edge, 0.0), -2.0 * edge)
-    bottom = min(max(tangent - edge, 0.0), -2.0 * edge)
-    return top - bottom, edge + 0.5 * (top + bottom), edge - tangent - max(raised, 0.0)
+    top = edge + min(max(tangent + raised - edge, 0.0), -2.0 * edge)
+    bottom = edge + min(max(tangent - edge, 0.0), -2.0 * edge)
+    spring = 0.5 * edge * edge - (top * top + top * bottom + bottom * bottom) / 6.0
+    return top - bottom, 0.5 * (top + bottom), spring, edge - tangent - max(raised, 0.0)
 
 
-def _segment_area(radius: float, depth: float) -> float:
-    """Return the area of a segment of a circle [m²]."""
-    depth = min(depth, radius)
-    return radius * radius * acos(1.0 - depth / radius) - (radius - depth) * sqrt(2.0 * radius * depth - depth * depth)
+def _plane_moment(radius: float, depth: float) -> float:
+    """Return S of a plane at a depth of the disc [m³]; zero without contact."""
+    depth = min(max(depth, 0.0), radius)
+    half = sqrt(2.0 * radius * depth - depth * depth)  # of the chord
+    return 2.0 / 3.0 * half * half * half
 
 
-def _segment_depth(radius: float, area: float) -> float:
-    """Return the depth of a segment of a circle of an area [m²], at most the radius; by Newton's method."""
-    # First guess: a shallow segment has the area (4/3) √(2 R) d^1.5. The derivative of the area is the chord.
-    depth: float = min((0.75 * area / sqrt(2.0 * radius)) ** (2.0 / 3.0), radius)
+def _plane_energy(radius: float, depth: float) -> float:
+    """Return P of a plane at a depth of the disc [m⁴], the integral of S; zero without contact."""
+    angle = acos(1.0 - min(max(depth, 0.0), radius) / radius)  # half of that of the segment
+    value: float = radius**4 * (12.0 * angle - 8.0 * sin(2.0 * angle) + sin(4.0 * angle)) / 48.0
+    return value
+
+
+def _depth_of_energy(radius: float, energy: float) -> float:
+    """Return the depth of a plane with the energy P [m⁴], at most the radius; by Newton's method."""
+    # First guess: P of a shallow segment.
+    depth: float = min((3.75 * energy / (2.0 * radius) ** 1.5) ** 0.4, radius)
     for _ in range(_NEWTON):
-        chord = 2.0 * sqrt(max(2.0 * radius * depth - depth * depth, _SMALL))
-        # The lower bound keeps the iterate positive, where the chord is not zero.
-        depth = min(max(depth - (_segment_area(radius, depth) - area) / chord, 0.25 * depth), radius)
+        change = (_plane_energy(radius, depth) - energy) / _plane_moment(radius, depth)
+        # The lower bound keeps the iterate positive, where S is not zero.
+        depth = min(max(depth - change, 0.25 * depth), radius)
     return depth
 
 
@@ -423,8 +453,9 @@ CONTACT_PARTS = (
     unpack_contact,
     effective_plane,
     _strip,
-    _segment_area,
-    _segment_depth,
+    _plane_moment,
+    _plane_energy,
+    _depth_of_energy,
     add_ground_force,
 )
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -35,10 +35,10 @@ from mirdrake.tyres.vertical import VerticalTyre, vertical_force
 SAME_LOAD = 0.01
 """Relative change of the load up to which the curve of a tyre is scaled instead of evaluated anew [1]."""
 
-SAME_INCLINATION = 4e-3
+SAME_INCLINATION = 1e-3
 """Change of the inclination up to which a curve is kept [rad]."""
 
-_NODE_LOAD, _NODE_INCLINATION = 0.01, 2e-3  # relative distance of the loads, and of the inclinations [rad], of curves
+_NODE_LOAD, _NODE_INCLINATION = 0.01, 5e-4  # relative distance of the loads, and of the inclinations [rad], of curves
 
 _LEAST_LOAD = 1e-3  # load over static load below which a tyre has no slip forces [1]
 
@@ -74,6 +74,7 @@ class GroundMemory(NamedTuple):
         inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
+        rise: vertical velocity of the wheel centre [m/s].
     """
 
     along: float
@@ -91,6 +92,7 @@ class GroundMemory(NamedTuple):
     inclination: float
     turning: float
     twist: float
+    rise: float
 
 
 def ground_step(
@@ -155,7 +157,12 @@ def ground_step(
 
         # The contact goes through plain numbers, so that the repeated call of this step has the same one.
         contact = unpack_contact(contacts[i])
-        load = vertical_force(tyre.vertical, contact.deflection, contact.rate, contact.spin)
+        # Velocities are those of the middle of the last step, half a step before the positions. The vertical one, which
+        # changes quickly, is extrapolated to them; else the damping of the tyre would depend on the step.
+        rate = contact.rate
+        if before.begun > 0.0:
+            rate -= 0.5 * contact.normal[2] * (contact.rise - before.rise)
+        load = contact.share * vertical_force(tyre.vertical, contact.deflection, contact.share * rate, contact.spin)
 
         # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats. Curves are
         # evaluated at nodes of load and inclination, so that a drive over rough ground needs few of them.
@@ -222,7 +229,7 @@ def ground_step(
         )
         force[wheel.place.spin] += torque - effort
 
-        kept.begun, kept.turning, kept.twist = 1.0, base.turning[2], twist
+        kept.begun, kept.turning, kept.twist, kept.rise = 1.0, base.turning[2], twist, contact.rise
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (
             fx,
             fy,
