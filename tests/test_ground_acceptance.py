@@ -273,7 +273,7 @@ def climbing_torque(folder: Path, *, stiffness: float, height: float, step: floa
 def static_climb(stiffness: float, height: float) -> float:
     """Return the same torque from the statics of the law of the tyre, with fine samples of the ground.
 
-    A normal force F along (nx, nz) and a tangential one f hold the load W: F = W nz, f = W nx. At a place x of the wheel
+    A normal force F along (nx, nz) and a tangential one f hold the load W: F = W nz, f = W nx. At a place of the wheel
     its height follows from F, and the torque from f; the climb takes the largest one.
     """
     length, radius, load = 2.601, 0.3234, 0.56 * 1616.0 * GRAVITY / 2.0
