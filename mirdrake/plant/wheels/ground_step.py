@@ -35,10 +35,10 @@ from mirdrake.tyres.vertical import VerticalTyre, vertical_force
 SAME_LOAD = 0.01
 """Relative change of the load up to which the curve of a tyre is scaled instead of evaluated anew [1]."""
 
-SAME_INCLINATION = 1e-3
+SAME_INCLINATION = 4e-3
 """Change of the inclination up to which a curve is kept [rad]."""
 
-_NODE_LOAD, _NODE_INCLINATION = 0.01, 5e-4  # relative distance of the loads, and of the inclinations [rad], of curves
+_NODE_LOAD, _NODE_INCLINATION = 0.01, 2e-3  # relative distance of the loads, and of the inclinations [rad], of curves
 
 _LEAST_LOAD = 1e-3  # load over static load below which a tyre has no slip forces [1]
 
