@@ -43,7 +43,7 @@ BANK = radians(20.0)
 def test_brake_and_steer_on_an_incline_as_on_a_plane_under_inclined_gravity(
     tmp_path: Path, grade: float, heading: float, rows: list[tuple[float, float, float]]
 ) -> None:
-    """Grades of 5 and 15 %, 20 degrees of banking: loads, Fx and spins within 1 % of their largest value, Fy within 1.5 %.
+    """5 and 15 %, 20 degrees of banking: loads, Fx and spins within 1 % of their largest value, Fy within 1.5 %.
 
     The curve of a tyre is kept within 4 mrad of inclination: its Fy jumps by up to 16 N, at other instants.
     """
