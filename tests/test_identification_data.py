@@ -260,8 +260,8 @@ def test_glitches_are_replaced_and_counted():
     [
         ("yaw_rate", degrees(1.0), "deg as rad"),
         ("vx", 3.6, "km/h as m/s"),
-        ("lateral_acceleration", 1 / 9.80665, "g as m/s^2"),
-        ("longitudinal_acceleration", 1 / 9.80665, "g as m/s^2"),
+        ("lateral_acceleration", 1 / 9.80665, "g as m/s²"),
+        ("longitudinal_acceleration", 1 / 9.80665, "g as m/s²"),
         ("lateral_acceleration", -1.0, "wrong sign"),
         ("yaw_rate", -1.0, "wrong sign"),
     ],

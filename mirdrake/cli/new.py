@@ -55,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--folder", type=Path, default=Path("models"), metavar="DIR", help="folder of the new vehicle (default: models)"
     )
-    parser.add_argument("--diagram", action=argparse.BooleanOptionalAction, default=True, help="write a diagram file")
+    parser.add_argument(
+        "--diagram", action=argparse.BooleanOptionalAction, default=True, help="write a diagram file (default)"
+    )
     parser.add_argument("--force", action="store_true", help="replace a vehicle of that name")
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 
+from mirdrake.readers.units import format_unit
+
 Figures = Mapping[str, float | str]
 Text = str | Callable[[Figures], str]
 
@@ -9,7 +11,7 @@ Text = str | Callable[[Figures], str]
 def render(texts: Mapping[str, Text], code: str, figures: Figures) -> str:
     """Return the sentence of a code."""
     text = texts[code]
-    return text(figures) if callable(text) else text.format(**figures)
+    return format_unit(text(figures) if callable(text) else text.format(**figures))
 
 
 def _sense(delay: float | str) -> str:

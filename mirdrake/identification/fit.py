@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
 from mirdrake.core.json_io import Json, finite_or_none, parse_json, plain_data
+from mirdrake.readers.units import format_unit
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "weakly identified", "not identifiable", "contradicts the given value", "fixed"]
@@ -163,7 +164,7 @@ class Fit:
                     _number(parameter.value),
                     span,
                     *parts,
-                    parameter.unit,
+                    format_unit(parameter.unit),
                     _number(parameter.given, ""),
                     parameter.verdict,
                 )
@@ -179,7 +180,7 @@ class Fit:
             rows += [
                 (channel.log, channel.part, channel.channel,
                  f"{channel.nrmse_percent:.1f}", f"{channel.noise_limit_percent:.0f}",
-                 _number(channel.rms), channel.unit,
+                 _number(channel.rms), format_unit(channel.unit),
                  _number(channel.whiteness_p, "", 2), _number(channel.input_correlation_p, "", 2))
                 for channel in self.channels
             ]  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from mirdrake.identification.estimators.experiment_design import Candidate
 from mirdrake.identification.judgement import Combination, Direction, Judgement
 from mirdrake.identification.parameters import FitParameter
+from mirdrake.readers.units import format_unit
 
 NOTABLE = 0.02
 """Standard deviation between logs or models from which it is named [1]."""
@@ -65,13 +66,13 @@ def _width(parameter: FitParameter, sigma: float) -> str:
 
 def _quantity(number: float, unit: str, digits: int = 4) -> str:
     """Return a number with its unit; a pure number has none."""
-    return f"{number:.{digits}g}" + (f" {unit}" if unit != "1" else "")
+    return f"{number:.{digits}g}" + (f" {format_unit(unit)}" if unit != "1" else "")
 
 
 def combination(found: Combination | Direction) -> str:
     """Return a combination of parameters and how well it is known."""
     if isinstance(found, Combination):
-        return f"{found.name}: {found.value:.4g} ± {1.96 * found.sigma:.2g} {found.unit}"
+        return f"{found.name}: {found.value:.4g} ± {1.96 * found.sigma:.2g} {format_unit(found.unit)}"
     return direction(found)
 
 
@@ -91,7 +92,7 @@ def direction(found: Direction) -> str:
         size = abs(weight) * scale / (1.0 if parameter.logarithmic else parameter.info.scale)
         per = unit if parameter.logarithmic else _ratio_unit(unit, parameter.info.unit)
         name = f"ln({parameter.info.name})" if parameter.logarithmic else parameter.info.name
-        text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
+        text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {format_unit(per)}{' ' if per else ''}{name}"
     return f"{text}: known to ± {_quantity(1.96 * sigma * scale, unit, 2)}"
 
 

@@ -33,6 +33,11 @@ _SPELLINGS = {
 """Spellings of units in lower case, with their usual form here."""
 
 
+def format_unit(unit: str) -> str:
+    """Return a unit with superscripts: ``kg m^2`` → ``kg m²``."""
+    return unit.replace("^2", "²").replace("^3", "³")
+
+
 def plain_unit(unit: str) -> str:
     """Return the usual spelling of a unit: ``m/s^2`` for ``m/s2``, ``km/h`` for ``kph``, ``deg`` for ``degrees``."""
     bare = unit.strip().replace("·", " ").replace("⁻¹", "-1").replace("\N{MASCULINE ORDINAL INDICATOR}", "°")

@@ -20,8 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from mirdrake.readers.units import format_unit
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_quantity, format_unit
+from mirdrake.report.words import format_quantity
 
 Array = NDArray[np.float64]
 

@@ -24,10 +24,11 @@ from mirdrake.manoeuvres.results import (
     format_status,
     recalled,
 )
+from mirdrake.readers.units import format_unit
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_quantity, format_unit
+from mirdrake.report.words import format_quantity
 from mirdrake.single_track.dynamics import lateral_forces
 
 _TEMPLATE = "handling.html.jinja"

@@ -19,10 +19,11 @@ from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.findings import DataReport, Excitation, Finding
 from mirdrake.identification.fit import ChannelFit, Fit, FittedParameter, half_width
 from mirdrake.identification.identify import Identification
+from mirdrake.readers.units import format_unit
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_significant, format_unit
+from mirdrake.report.words import format_significant
 
 _TEMPLATE = "identification.html.jinja"
 _LEVEL = 3.84  # rise of the cost at the ends of a 95 % interval

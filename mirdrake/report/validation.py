@@ -9,8 +9,8 @@ from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import format_figure, format_number, format_setting
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, format_error, format_published
+from mirdrake.readers.units import format_unit
 from mirdrake.report.page import Tile, render_page
-from mirdrake.report.words import format_unit
 
 _TEMPLATE = "validation.html.jinja"
 _WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 400.0, 80.0, 30.0, 34.0  # of the chart [px]

@@ -2,6 +2,8 @@
 
 import math
 
+from mirdrake.readers.units import format_unit
+
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -39,11 +41,6 @@ def format_significant(value: float, digits: int = 4) -> str:
     elif mark:
         text = f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     return text.replace("-", "−")
-
-
-def format_unit(unit: str) -> str:
-    """Return a unit with superscripts: ``kg m^2`` → ``kg m²``."""
-    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def format_time(seconds: float) -> str:

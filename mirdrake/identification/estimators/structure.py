@@ -119,7 +119,8 @@ def choose_structure(
         if minimum is not None:
             tried.append((minimum, cross_validate(minimum, options.loss)))
     notes = tuple(
-        f"left open by the study, supported by the training logs: {name} ({gain:.2g} % less cost of prediction)"
+        f"not specified by the study, added because the training logs support it: {name} "
+        f"({gain:.2g} % less cost of prediction)"
         for name, gain in gains.items()
     )
     return best._replace(start=best_fit, notes=notes, rivals=rivals_of(tried))

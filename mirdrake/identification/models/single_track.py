@@ -251,7 +251,7 @@ class SingleTrackModel(CompiledModel):
     def additions(
         cls, data: DataSet, options: SingleTrackOptions, settings: Mapping[str, Setting]
     ) -> Iterator[Addition]:
-        """Yield load transfer, steering lag, relaxation, roll, a delay of vy and tyre laws, where left open."""
+        """Yield load transfer, steering lag, relaxation, roll, a delay of vy, tyre laws, if not specified."""
         open_options = {name for name in ("tyres", "roll", "relaxation") if name not in options.model_fields_set}
         yield from single_track_additions(
             data, settings, open_options=open_options, outputs=options.outputs, rolls=cls.rolls_by_default
