@@ -19,6 +19,7 @@ from mirdrake.tuning.loops.base import Course
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.joint_control.pid import WheelPid
+from mirdrake.vehicles.spec import RearSteering
 from mirdrake.worlds import load_world
 
 VARIANT = Variant("brush", relaxation=True, actuators=True)
@@ -324,6 +325,13 @@ def test_the_generator_is_normal_and_white():
 def test_errors_name_the_faulty_value(bolt, parameters, options, message):
     with pytest.raises(ConfigError, match=message):
         make_control(bolt, parameters, **options)
+
+
+def test_rear_wheel_steering_is_rejected(bolt, parameters):
+    steering = bolt.spec.steering.model_copy(update={"rear": RearSteering.model_validate({"ratio": -0.2})})
+    steered = replace(bolt, spec=bolt.spec.model_copy(update={"steering": steering}))
+    with pytest.raises(ConfigError, match="steers its rear wheels"):
+        make_control(steered, parameters)
 
 
 def test_a_wrong_command_is_an_error(bolt, parameters):

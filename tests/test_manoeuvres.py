@@ -216,6 +216,14 @@ def test_the_list_shows_what_was_set(capsys):
         (["step_steer", "bolt", "--set", "step_steer.speed=3 kg"], "unit 'kg' does not fit"),
         (["braking", "nobody"], "unknown vehicle 'nobody'"),
         (
+            ["braking", "bolt", "--model", "single_track", "--set", "single_track.masss=1700"],
+            "single_track.masss: no such parameter; did you mean 'mass'?",
+        ),
+        (
+            ["braking", "bolt", "--set", "single_track.mass=1700"],
+            "single_track.mass: is a setting of the single-track model; leave it out for the full plant",
+        ),
+        (
             ["steady_state_circle", "bolt", "--model", "single_track", "--set", "steady_state_circle.fit_to=0.5"],
             "fit_to: must be above fit_from",
         ),

@@ -400,6 +400,10 @@ def _check_vehicle(cars: Batch, vehicle: Vehicle) -> None:
     control = vehicle.control
     if not cars.variant.actuators:
         raise ConfigError("batch: a control unit needs a variant with actuators; write Variant(..., actuators=True)")
+    if vehicle.spec.steering.rear is not None:
+        raise ConfigError(
+            f"batch: '{vehicle.name}' steers its rear wheels, the single-track model does not; use the plant"
+        )
     if control.wheel_speed.uses_pedals and not isinstance(control.wheel_speed, PedalControl):
         raise ConfigError(
             f"batch: the pedals of '{vehicle.name}' have a controller of their own, which runs in Python only; choose "
