@@ -146,6 +146,8 @@ class Telemetry:
             self._add_named(columns, tap, raw[tap.name], prefix=f"{name}.powertrain")
         if (tap := self._assembly.taps.get(f"{name}.tyre_forces")) is not None:
             self._add_named(columns, tap, raw[tap.name], prefix="")
+        if (tap := self._assembly.taps.get(f"{name}.battery_status")) is not None:
+            self._add_named(columns, tap, raw[tap.name], prefix=f"{name}.battery")
         if (tap := self._assembly.taps.get(f"{name}.rear_steering")) is not None:
             self._add_named(columns, tap, raw[tap.name], prefix=name)
         self._add_track(columns, part, state)

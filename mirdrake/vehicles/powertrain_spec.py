@@ -103,9 +103,43 @@ class Regeneration(Schema):
     fade_speed: Speed = Field(
         default=2.0, gt=0, description="[m/s] speed below which the torque decreases to zero with the speed"
     )
+    distribution: Literal["axle", "motor_first"] = Field(
+        default="axle",
+        description="axle: the motor provides at most the share of its axle; motor_first: as much of the whole brake "
+        "torque as it can (blended brakes)",
+    )
     coast_share: float = Field(
         default=0.0, ge=0, le=1, description="[-] share of the regenerative torque with both pedals released"
     )
+
+
+class MotorLosses(Schema):
+    """Losses of motor and inverter, beside those of the gear."""
+
+    copper: float = Field(default=0.0, ge=0, description="[W/(N m)²] losses over the square of the motor torque")
+    iron: float = Field(default=0.0, ge=0, description="[W s/rad] losses over the motor speed")
+    windage: float = Field(default=0.0, ge=0, description="[W s³/rad³] losses over the cube of the motor speed")
+    constant: Power = Field(default=0.0, ge=0, description="[W] losses at standstill")
+
+
+class Battery(Schema):
+    """Battery: open-circuit voltage over the state of charge, and a resistance."""
+
+    capacity: float = Field(gt=0, description="[A h] charge from empty to full")
+    open_circuit_voltage: list[tuple[Duty, Annotated[float, Field(gt=0)]]] = Field(
+        min_length=1, description="[-], [V] state of charge and open-circuit voltage"
+    )
+    resistance: float = Field(default=0.0, ge=0, description="[ohm] internal resistance")
+    auxiliary_power: Power = Field(default=0.0, ge=0, description="[W] power of all other consumers")
+    initial_charge: float = Field(default=0.9, ge=0, le=1, description="[-] state of charge at the start")
+    charging_efficiency: float = Field(
+        default=1.0, gt=0, le=1, description="[-] energy of the cells over that from the grid"
+    )
+
+    @field_validator("open_circuit_voltage")
+    @classmethod
+    def _rows(cls, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        return _ascending(rows, second=True)
 
 
 class ElectricPowertrain(AnyPowertrain):
@@ -122,6 +156,8 @@ class ElectricPowertrain(AnyPowertrain):
     rotor_inertia: float = Field(default=0.0, ge=0, description="[kg m²] inertia at the motor speed")
     governed_speed: Speed | None = Field(default=None, gt=0, description="[m/s] speed limiter; null: none")
     regeneration: Regeneration | None = None
+    losses: MotorLosses = Field(default_factory=MotorLosses, description="of motor and inverter, for the battery")
+    battery: Battery | None = Field(default=None, description="null: the energy is not computed")
 
     @field_validator("torque_map")
     @classmethod

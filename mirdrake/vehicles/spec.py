@@ -264,6 +264,7 @@ class VariantSpec(Schema):
     """variants/<name>.yaml: the differences from the files of the folder."""
 
     description: str = Field(min_length=1, description="one line")
+    base: str | None = Field(default=None, description="variant of the same folder, whose differences come first")
     arguments: dict[str, str] = Field(default_factory=dict, description="arguments of the xacro files")
     vehicle: Json = Field(default_factory=dict, description="merged over vehicle.yaml")
     control: Json = Field(default_factory=dict, description="merged over control.yaml")

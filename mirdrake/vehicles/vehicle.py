@@ -7,7 +7,7 @@ from typing import get_args
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import find
-from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml
+from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml, read_tree
 from mirdrake.core.yaml_io import where as where_in
 from mirdrake.tyres.registry import kinds_with_slip
 from mirdrake.vehicles.geometry import VehicleGeometry, measure_geometry
@@ -111,10 +111,10 @@ def variants(folder: Path) -> dict[str, Path]:
 
 
 def load_variant(folder: Path, variant: str | None, *, where: str = "") -> VariantSpec:
-    """Return the differences of a variant from the files of the folder; none without a variant.
+    """Return the differences of a variant from the files of the folder, with those of its base; none without a variant.
 
     Raises:
-        ConfigError: the folder has no such variant, or its file is wrong.
+        ConfigError: the folder has no such variant, its file is wrong, or its base has a base as well.
     """
     if variant is None:
         return VariantSpec(description="without a variant")
@@ -122,7 +122,16 @@ def load_variant(folder: Path, variant: str | None, *, where: str = "") -> Varia
     if variant not in known:
         prefix = f"{where}: " if where else ""
         raise ConfigError(f"{prefix}{folder.name} has no variant '{variant}'; {did_you_mean(variant, known)}")
-    return load_yaml(_file(known[variant]), VariantSpec)
+    change = load_yaml(_file(known[variant]), VariantSpec)
+    if change.base is None:
+        return change
+    # The variant is merged over its base, key by key, as it is over the files of the folder.
+    place = where_in(change, "base")
+    if change.base not in known or change.base == variant:
+        raise ConfigError(f"{place}: {folder.name} has no variant '{change.base}'; {did_you_mean(change.base, known)}")
+    if load_yaml(_file(known[change.base]), VariantSpec).base is not None:
+        raise ConfigError(f"{place}: variant '{change.base}' has a base as well; name one without a base")
+    return load_yaml(_file(known[change.base]), VariantSpec, over=read_tree(_file(known[variant])))
 
 
 def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec) -> SchemaT:

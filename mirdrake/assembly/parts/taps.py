@@ -84,6 +84,7 @@ def add_taps(wiring: Wiring, parts: PlantParts, readings: WheelReadings, spec: D
             "command",
             "joint_torques",
             "powertrain_status",
+            "battery_status",
             "tyre_forces",
             "rear_steering",
             *sensors,

@@ -17,10 +17,11 @@ from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
-from mirdrake.plant.powertrain import PEDALS, DifferentialCoupling, Powertrain
+from mirdrake.plant.powertrain import PEDALS, BatteryPack, DifferentialCoupling, Powertrain
 from mirdrake.plant.rear_steering import RearSteering
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
+from mirdrake.vehicles.powertrain_spec import ElectricPowertrain
 from mirdrake.worlds import Start
 from mirdrake.worlds.tracks import Track
 
@@ -154,6 +155,12 @@ def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, con
         torque = coupling.wheel_torque
     for port in (torque, powertrain.powertrain_status):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    motor = part.vehicle.spec.powertrain
+    if isinstance(motor, ElectricPowertrain) and motor.battery is not None:
+        battery = BatteryPack(motor.battery, motor.losses)
+        wiring.add(f"{name}.battery", battery)
+        wiring.link(powertrain.powertrain_status, battery.powertrain_status)
+        wiring.sources[f"{name}.battery_status"] = (battery.battery_status, signals_of(battery.battery_status))
     return powertrain
 
 

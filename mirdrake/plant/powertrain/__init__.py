@@ -1,6 +1,7 @@
 """Powertrain: motors, engines, gears, brakes, pedals and their actuators."""
 
 from mirdrake.plant.powertrain.actuator import ActuatorLaw
+from mirdrake.plant.powertrain.battery import BatteryPack
 from mirdrake.plant.powertrain.differential import DifferentialCoupling
 from mirdrake.plant.powertrain.law import Measured, PowertrainLaw, Torques
 from mirdrake.plant.powertrain.system import PEDALS, STATUS, WHEEL_TORQUE, Powertrain
@@ -10,6 +11,7 @@ __all__ = [
     "STATUS",
     "WHEEL_TORQUE",
     "ActuatorLaw",
+    "BatteryPack",
     "DifferentialCoupling",
     "Measured",
     "Powertrain",

@@ -33,20 +33,27 @@ def driven_rate(rates: Four, shares: AxleShares) -> float:
     return 0.5 * (shares.front * (front_left + front_right) + shares.rear * (rear_left + rear_right))
 
 
-def split_brakes(torque: float, front_share: float, generator: float, shares: AxleShares) -> tuple[float, Four]:
+def split_brakes(
+    torque: float, front_share: float, generator: float, shares: AxleShares, motor_first: bool = False
+) -> tuple[float, Four]:
     """Divide a braking torque between motor and friction brakes.
 
-    The share of each axle does not depend on the source: the motor brakes first, up to its limit.
+    The motor brakes first, up to its limit. By default the share of each axle does not depend on the source.
 
     Args:
         torque: demanded torque of all wheels together [N m].
         front_share: share of the front axle [1].
         generator: largest braking torque of the motor at the wheels [N m], positive.
         shares: distribution of the motor torque to the axles.
+        motor_first: whether the motor provides the whole torque up to its limit, and the friction brakes the rest.
 
     Returns:
         torque of the motor at the wheels [N m], positive, and the brake torques of the wheels [N m].
     """
+    if motor_first:
+        motor = min(generator, torque)
+        front, rear = 0.5 * (torque - motor) * front_share, 0.5 * (torque - motor) * (1.0 - front_share)
+        return motor, (front, front, rear, rear)
     front, rear = torque * front_share, torque * (1.0 - front_share)
     # Motor torque is divided by `shares`: it may rise until one driven axle has its whole share from the motor.
     motor = generator

@@ -87,6 +87,7 @@ class PowertrainNumbers(NamedTuple):
         throttle_size: length of its memory.
         brake: lag of the brake's actuator.
         brake_size: length of its memory.
+        motor_first: whether the motor provides as much of the whole brake torque as it can.
     """
 
     period: float
@@ -101,6 +102,7 @@ class PowertrainNumbers(NamedTuple):
     throttle_size: int
     brake: ActuatorNumbers
     brake_size: int
+    motor_first: bool = False
 
 
 class PedalTorques(NamedTuple):
@@ -198,7 +200,7 @@ def pedal_torques(
     if not numbers.has_engine and gear != 0.0 and demand > 0.0 and not slipping:
         # Releasing the throttle already regenerates: only the rest is left for the brake pedal.
         generator = max(wheel_regeneration(numbers.motor, gear * rate) + min(torque, 0.0), 0.0)
-    motor_brake, brakes = split_brakes(demand, numbers.brake_share, generator, numbers.shares)
+    motor_brake, brakes = split_brakes(demand, numbers.brake_share, generator, numbers.shares, numbers.motor_first)
     return PedalTorques(throttle, brake, opening, shown, torque - motor_brake, brakes)
 
 
@@ -262,6 +264,7 @@ class PowertrainLaw:
             engine = make_engine(spec.powertrain, wheel_inertia=mass * self.radius**2)
         else:
             motor = make_motor(spec.powertrain, radius=self.radius)
+        regeneration = getattr(spec.powertrain, "regeneration", None)
         self.numbers = PowertrainNumbers(
             period=period,
             has_engine=engine is not NO_ENGINE,
@@ -275,6 +278,7 @@ class PowertrainLaw:
             throttle_size=self._throttle.size,
             brake=self._brake.numbers,
             brake_size=self._brake.size,
+            motor_first=regeneration is not None and regeneration.distribution == "motor_first",
         )
         # Sections of the memory: throttle, brake, gearbox, slip of four braked, then of four driven wheels.
         gearbox = self._throttle.size + self._brake.size
