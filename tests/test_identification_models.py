@@ -334,11 +334,14 @@ def test_backlash_lags_by_half_its_width():
 def test_every_model_can_be_made_and_has_a_title():
     time = np.arange(0.0, 5.0, 0.01)
     names = ["vx", "road_wheel_angle", "steering_command", "yaw_rate", "throttle", "brake"]
+    names += ["road_height_front", "road_height_rear", "suspension_travel_front", "suspension_travel_rear"]
     data = DataSet((Log("all", "train", time, {name: np.sin(time) for name in names}),), wheelbase=2.7)
     for kind in MODELS:
         model = make_model(ModelSpec(kind, {"vehicle": "bolt"} if kind == "plant" else {}), data, {})
         assert model.title
         assert all(info.low <= info.guess <= info.high for info in model.parameters)
+        # Without a scale the logarithm is estimated.
+        assert all(info.low >= 0.0 for info in model.parameters if info.is_positive), kind
         assert len({info.name for info in model.parameters}) == len(model.parameters)
         assert model.derived_quantities({info.name: info.guess for info in model.parameters}) is not None
 

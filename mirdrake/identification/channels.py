@@ -28,6 +28,7 @@ class Channel(NamedTuple):
 
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+AXLES = ("front", "rear")
 
 CHANNELS: dict[str, Channel] = {
     "speed": Channel("m/s", "over ground, along the path", 150.0),
@@ -64,6 +65,12 @@ CHANNELS: dict[str, Channel] = {
     "bank": Channel("rad", "of the road, the left side up", 1.6),
     **{f"wheel_speed_{wheel}": Channel("m/s", "of the wheel's rim, forward", 300.0) for wheel in WHEELS},
     **{f"wheel_rate_{wheel}": Channel("rad/s", "of the wheel, forward", 3e3) for wheel in WHEELS},
+    **{f"suspension_travel_{wheel}": Channel("m", "of the wheel, positive in bump", 2.0) for wheel in WHEELS},
+    **{f"road_height_{wheel}": Channel("m", "of the road under the wheel", 1e4) for wheel in WHEELS},
+    **{
+        f"suspension_travel_{axle}": Channel("m", f"mean of the {axle} wheels, positive in bump", 2.0) for axle in AXLES
+    },
+    **{f"road_height_{axle}": Channel("m", f"of the road, mean of the {axle} wheels", 1e4) for axle in AXLES},
     **{f"tyre_force_x_{wheel}": Channel("N", "on the tyre along the wheel, forward", 1e6) for wheel in WHEELS},
     **{f"tyre_force_y_{wheel}": Channel("N", "on the tyre across the wheel, to the left", 1e6) for wheel in WHEELS},
     **{f"tyre_force_z_{wheel}": Channel("N", "on the tyre, up", 1e6) for wheel in WHEELS},

@@ -1,4 +1,4 @@
-"""Channels that follow from others: the position from latitude and longitude, the steering from both wheels."""
+"""Channels that follow from others: position from latitude and longitude; steering, travel and road of both wheels."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import NamedTuple
@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pymap3d import geodetic2enu
+
+from mirdrake.identification.channels import AXLES
 
 Array = NDArray[np.float64]
 
@@ -36,13 +38,18 @@ def _local_plane(latitude: Array, longitude: Array) -> tuple[Array, Array]:
 
 
 def _mean(left: Array, right: Array) -> tuple[Array]:
-    # The angle of one wheel whose lateral force is the mean of both, for linear tyres with equal stiffness.
+    # For angles: that of one wheel whose lateral force is the mean of both, for linear tyres with equal stiffness.
     return (0.5 * (left + right),)
 
 
 DERIVATIONS = (
     Derivation(("x", "y"), ("latitude", "longitude"), _local_plane, "east and north of the first position"),
     Derivation(("road_wheel_angle",), ("road_wheel_angle_left", "road_wheel_angle_right"), _mean, "mean of both"),
+    *(
+        Derivation((f"{name}_{axle}",), (f"{name}_{axle}_left", f"{name}_{axle}_right"), _mean, "mean of both")
+        for name in ("suspension_travel", "road_height")
+        for axle in AXLES
+    ),
 )
 """All derivations."""
 

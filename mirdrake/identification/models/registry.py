@@ -20,6 +20,7 @@ MODELS: dict[str, type[Model] | str] = {
     "steering": SteeringModel,
     "longitudinal": LongitudinalModel,
     "joint_loop": JointLoopModel,
+    "ride": "mirdrake.identification.models.ride:RideModel",
     "plant": "mirdrake.identification.models.plant:PlantModel",
 }
 """Class of each kind, or ``module:class`` of one that is imported when it is used; in the order of their preference
