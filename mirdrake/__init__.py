@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mirdrake.controllers import PathTracker as PathTracker
     from mirdrake.core.errors import MirdrakeError as MirdrakeError
     from mirdrake.editor import edit_world as edit_world
+    from mirdrake.estimation import filter_bank as filter_bank
     from mirdrake.identification import check_data as check_data
     from mirdrake.identification import load_data as load_data
     from mirdrake.identification import load_identification as load_identification

@@ -18,7 +18,7 @@ STAGES = {
     "plant": 2,
     "actors": 3, "controllers": 3,
     "networks": 4, "sensors": 4, "single_track": 4,
-    "assembly": 5, "batched": 5,
+    "assembly": 5, "batched": 5, "estimation": 5,
     "runs": 6, "schemas": 6,
     "execution": 7, "gym": 7, "manoeuvres": 7, "requirements": 7,
     "identification": 8, "studies": 8, "suites": 8,

@@ -27,6 +27,7 @@ from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.user_systems import construct, make_user_system, user_defaults
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
+from mirdrake.estimation.system import FilterBlock
 from mirdrake.networks import NetworkBlock
 
 
@@ -154,6 +155,7 @@ BLOCKS: dict[str, type[Schema]] = {
     "adder": AdderBlock,
     "constant": ConstantBlock,
     "delay": DelayBlock,
+    "filter_bank": FilterBlock,
     "gain": GainBlock,
     "hold": HoldBlock,
     "low_pass": LowPassBlock,

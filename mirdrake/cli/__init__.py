@@ -30,6 +30,7 @@ examples:
   mirdrake identify check drives.yaml               check the logs before any fit
   mirdrake identify study.yaml                      check, fit, table and report
   mirdrake identify study.yaml --set model.tyres=fiala --out runs/fiala
+  mirdrake identify filter drives.yaml bolt         states and parameters along a log
   mirdrake identify apply runs/study bolt           write the result and its source into vehicle.yaml"""
 
 _TUNE = """\
@@ -62,6 +63,7 @@ VERBS = {
             "run": Verb("run an identification study; 'run' may be left out", "identify_run"),
             "check": Verb("check recorded drives: clock, glitches, delays, units, excitation", "identify_check"),
             "new": Verb("write a data file for a log, with guesses of its channels, units and signs", "identify_new"),
+            "filter": Verb("states and slowly varying parameters along a log, by a bank of filters", "identify_filter"),
             "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
         },
     ),

@@ -101,7 +101,7 @@ class SingleTrackParameters:
         # Keep the ranges equal to those of are_allowed, which checks whole tables without exceptions.
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in _POSITIVE:
+            if field.name in POSITIVE:
                 check_number(owner, field.name, value, above=0.0)
             elif field.name in _SHARES:
                 check_number(owner, field.name, value, at_least=0.0, at_most=1.0)
@@ -136,7 +136,7 @@ class SingleTrackParameters:
 PARAMETERS = tuple(field.name for field in fields(SingleTrackParameters))
 """Names of the parameters in the order of the Context's numeric parameter 0."""
 
-_POSITIVE = {
+POSITIVE = {
     "mass", "yaw_inertia", "front_length", "rear_length", "front_stiffness", "rear_stiffness", "front_friction",
     "rear_friction", "front_relaxation", "rear_relaxation", "max_force", "steering_lag", "blend_start", "blend_end",
     "roll_inertia", "roll_stiffness", "front_shape", "rear_shape",
@@ -154,7 +154,7 @@ def are_allowed(table: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     # The same ranges as in the constructor; NaN fails every comparison, and infinity is excluded here.
     allowed = np.isfinite(table).all(axis=1)
     for name, values in columns.items():
-        if name in _POSITIVE:
+        if name in POSITIVE:
             allowed &= values > 0.0
         elif name in _SHARES or name in _NOT_NEGATIVE:
             allowed &= values >= 0.0
