@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,29 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log
-from mirdrake.identification.estimators import EstimatorOptions, fit
-from mirdrake.identification.estimators.covariance import Stretch, autoregression, block_bootstrap, score_covariance
+from mirdrake.identification.estimators import EstimatorOptions, fit, output_error
+from mirdrake.identification.estimators.bootstrap import block_bootstrap
+from mirdrake.identification.estimators.covariance import Stretch, autoregression, score_covariance
 from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
 from mirdrake.identification.estimators.output_error import initial_noise
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
-from mirdrake.identification.estimators.solve import assess, minimise, robust
+from mirdrake.identification.estimators.solve import assess, minimise, robust, solve
 from mirdrake.identification.fit import load_fit
+from mirdrake.identification.identify import identify
 from mirdrake.identification.judgement import Direction
 from mirdrake.identification.messages import direction
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.filters import backlash, first_order, second_order
 from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
+from mirdrake.identification.study import load_identification
 from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
 from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, lateral_data, lateral_log
+
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def fitted(*arguments: Any, **options: Any) -> Any:
@@ -250,14 +257,50 @@ def test_noise_that_is_white_or_grows_with_the_slopes_is_taken_as_it_is():
     assert covariance == pytest.approx(np.sum(slopes**4), rel=0.06)
 
 
+class MeanProblem:
+    """Mean of values as a problem: residuals are values less their mean."""
+
+    def __init__(self, values):
+        self.values, self.measured = values, len(values)
+
+    def residuals(self, z):
+        return self.values - z[0]
+
+    def jacobian(self, z):
+        return -np.ones((self.measured, 1))
+
+    def bounds(self):
+        return np.array([-np.inf]), np.array([np.inf])
+
+
 def test_block_bootstrap_spreads_as_the_mean_does():
     random = np.random.default_rng(0)
-    values = random.normal(size=4000)
-    blocks = np.split(values, 100)
-    draws = block_bootstrap(
-        [np.array([[float(len(b))]]) for b in blocks], [np.array([b.sum()]) for b in blocks], np.zeros((1, 1)), 2000
-    )
+    problem: Any = MeanProblem(random.normal(size=4000))
+    blocks = [slice(40 * k, 40 * k + 40) for k in range(100)]
+    z = np.array([problem.values.mean()])
+    draws = block_bootstrap(problem, z, blocks, loss=robust("linear", 4000), count=2000)
     assert float(draws.std()) == pytest.approx(1.0 / 4000**0.5, rel=0.25)
+
+
+def test_block_bootstrap_with_a_robust_loss_has_the_shifts_of_the_refitted_means():
+    random = np.random.default_rng(1)
+    problem: Any = MeanProblem(random.standard_t(3.0, size=400))
+    loss, blocks = robust("huber", 400), [slice(40 * k, 40 * k + 40) for k in range(10)]
+
+    def mean(times):
+        # Iteratively reweighted to convergence (P. J. Huber, Robust Statistics, 1981, section 7.8).
+        centre = 0.0
+        for _ in range(200):
+            weights = times * loss((problem.values - centre) ** 2)[1]
+            centre = float(weights @ problem.values / weights.sum())
+        return centre
+
+    z = np.array([mean(np.ones(400))])
+    draws = block_bootstrap(problem, z, blocks, loss=loss, count=50, seed=2)[:, 0]
+    again = np.random.default_rng(2)
+    drawn = [np.bincount(again.integers(0, 10, 10), minlength=10) for _ in range(50)]
+    expected = np.array([mean(np.repeat(times, 40).astype(float)) for times in drawn]) - z
+    assert draws == pytest.approx(expected, abs=0.005 * float(np.ptp(expected)))
 
 
 def refit(found, options, blocks, weights):
@@ -274,13 +317,8 @@ def refit(found, options, blocks, weights):
     return (result.x - found.z)[: len(problem.free)]
 
 
-@pytest.mark.slow
-def test_a_bootstrap_of_200_has_the_intervals_of_200_refits_in_a_tenth_of_their_time():
-    data, options = lateral_data(), EstimatorOptions(bootstrap=200, seed=3)
-    model = make_model(ModelSpec("single_track"), data, {"mass": MASS, "front_length": FRONT, "rear_length": REAR})
-    drives, _ = make_segments(model, data.train)
-    problem = Problem(model, drives, resolve_parameters(model.parameters, LATERAL), initial_noise(model, drives))
-    found = minimise(problem, options, passes=3)
+def compare_with_refits(found, options):
+    """Compare the intervals of the bootstrap with those of refits to the same draws, and the processor times."""
     # To the very minimum, from which both start.
     found = minimise(found.problem, options, found.z, close=1e-12)
     began = time.process_time()
@@ -289,7 +327,9 @@ def test_a_bootstrap_of_200_has_the_intervals_of_200_refits_in_a_tenth_of_their_
     assert draws is not None
 
     began, rng, shifts = time.process_time(), np.random.default_rng(options.seed), []
-    blocks = drives[0].size // int(np.ceil(2.0 / drives[0].step))  # of 2 s, as of the bootstrap
+    drive = found.problem.drives[0]
+    # Of 2 s, or a fortieth of the log, as of the bootstrap.
+    blocks = drive.size // int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step))
     for _ in range(options.bootstrap):
         drawn = rng.integers(0, blocks, blocks)
         shifts.append(refit(found, options, blocks, np.bincount(drawn, minlength=blocks).astype(float)))
@@ -298,6 +338,35 @@ def test_a_bootstrap_of_200_has_the_intervals_of_200_refits_in_a_tenth_of_their_
     widths = [np.ptp(np.percentile(values, (2.5, 97.5), axis=0), axis=0) for values in (draws, shifts)]
     assert widths[0] == pytest.approx(widths[1], rel=0.02)
     assert ours < 0.1 * theirs, (ours, theirs)
+
+
+@pytest.mark.slow
+def test_a_bootstrap_of_200_has_the_intervals_of_200_refits_in_a_tenth_of_their_time():
+    data, options = lateral_data(), EstimatorOptions(bootstrap=200, seed=3)
+    model = make_model(ModelSpec("single_track"), data, {"mass": MASS, "front_length": FRONT, "rear_length": REAR})
+    drives, _ = make_segments(model, data.train)
+    problem = Problem(model, drives, resolve_parameters(model.parameters, LATERAL), initial_noise(model, drives))
+    compare_with_refits(minimise(problem, options, passes=3), options)
+
+
+@pytest.mark.slow
+def test_a_bootstrap_of_identify_bolt_has_the_intervals_of_refits_in_a_tenth_of_their_time(tmp_path, monkeypatch):
+    # The study with its manoeuvres, as its head states.
+    folder = tmp_path / "runs" / "bolt_handling"
+    manoeuvres = ["manoeuvre", "frequency_response,step_steer", "bolt@handling", "--set", "plant.contact=point"]
+    assert main([*manoeuvres, "--out", str(folder)]) == 0
+    (tmp_path / "studies").mkdir()
+    study = tmp_path / "studies" / "identify_bolt.yaml"
+    study.write_text((ROOT / "studies" / "identify_bolt.yaml").read_text())
+    minima: list[Any] = []
+
+    def remember(problem, options, z=None):
+        minima.append(solve(problem, options, z))
+        return minima[-1]
+
+    monkeypatch.setattr(output_error, "solve", remember)
+    identify(load_identification(study), study.parent)
+    compare_with_refits(minima[-1], EstimatorOptions(bootstrap=200, seed=3))
 
 
 def test_steering_with_play_is_found_again():

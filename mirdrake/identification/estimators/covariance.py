@@ -15,8 +15,6 @@ sample (H. White, Econometrica 48, 1980): noise that grows with the motion is co
 
 A fit removes its own frequencies from the residuals, and a wrong model leaves residuals that seem to cancel. So the
 covariance is kept at least at the value for white residuals, in every direction.
-
-There is also a block bootstrap, with blocks much longer than the autocorrelation.
 """
 
 from collections.abc import Sequence
@@ -138,28 +136,3 @@ def _at_least(noise: Array, floor: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(floor), 1e-300))
     values, vectors = np.linalg.eigh((noise - floor) / np.outer(size, size))
     return np.asarray(floor + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
-
-
-def block_bootstrap(information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0) -> Array:
-    """Return shifts of the estimate when blocks of the data are drawn with replacement (count, p).
-
-    One Gauss-Newton step each; the model is not simulated again.
-
-    Args:
-        information: JᵀWJ by block (p, p).
-        scores: JᵀWr by block (p).
-        prior: information of the priors (p, p).
-        count: number of draws.
-        seed: seed of the draws.
-    """
-    random = np.random.default_rng(seed)
-    blocks, right = np.array(information), np.array(scores)
-    # Scores are centred: at the minimum their sum balances the priors, which every draw would shift otherwise.
-    centre = right.mean(axis=0)
-    draws = np.empty((count, right.shape[1]))
-    for k in range(count):
-        drawn = random.integers(0, len(blocks), len(blocks))
-        weights = np.bincount(drawn, minlength=len(blocks)).astype(float)
-        inside = np.tensordot(weights, blocks, axes=1) + prior
-        draws[k] = -np.linalg.lstsq(inside, weights @ (right - centre), rcond=None)[0]
-    return draws

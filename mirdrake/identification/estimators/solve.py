@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mirdrake.core.errors import RunError
-from mirdrake.identification.estimators.covariance import Stretch, block_bootstrap, score_covariance
+from mirdrake.identification.estimators.bootstrap import block_bootstrap
+from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.models.base import Array
@@ -206,20 +207,21 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     prior = inner[data:].T @ inner[data:]
     whole = inverse(information)
 
-    # Scores sample by sample for the covariance, and by blocks for the bootstrap.
-    stretches, blocks, rights, row = [], [], [], 0
+    # Scores sample by sample for the covariance, and the blocks of the bootstrap.
+    stretches: list[Stretch] = []
+    blocks: list[slice] = []
+    row = 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
         part, shape = slice(row, row + mask.size), (drive.size, len(mask))
         slopes, pulls = jacobian[part].reshape(*shape, -1), (weights[part] * residuals[part]).reshape(shape)
         stretches.append(Stretch(slopes, pulls, mask.T))
-        each = np.einsum("nop,no->np", slopes, pulls)
         # Blocks of at least 2 s, or a fortieth of the segment: longer than the memory of the residuals.
         length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)
         count = max(drive.size // length, 1)
-        for rows_ in np.array_split(np.arange(drive.size), count):
-            block = slice(row + int(rows_[0]) * len(mask), row + (int(rows_[-1]) + 1) * len(mask))
-            blocks.append(inner[block].T @ inner[block])
-            rights.append(each[rows_].sum(axis=0))
+        blocks += [
+            slice(row + int(rows_[0]) * len(mask), row + (int(rows_[-1]) + 1) * len(mask))
+            for rows_ in np.array_split(np.arange(drive.size), count)
+        ]
         row += mask.size
 
     # Information of the data weighted by the covariance of the scores, plus that of the priors.
@@ -239,7 +241,8 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     )
     draws = None
     if options.bootstrap and len(blocks) > 4:
-        draws = block_bootstrap(blocks, rights, prior, options.bootstrap, options.seed)[:, :p]
+        loss = robust(options.loss, data)
+        draws = block_bootstrap(problem, z, blocks, loss=loss, count=options.bootstrap, seed=options.seed)[:, :p]
     return Solution(
         z, problem, found.cost, spread, white, inflation, inverse(white),
         tuple(bound), draws, found.message,
