@@ -1,33 +1,27 @@
 """Bank of filters that estimate states and slowly varying parameters of a car; the law is in the kernel."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil, exp
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.batched.arrays import Floats, Integers
-from mirdrake.core.compiled import compiled, records
+from mirdrake.batched.arrays import Floats
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, validate
-from mirdrake.estimation import kernel
 from mirdrake.estimation.estimates import Estimates
-from mirdrake.estimation.kernel import Design, Memory
+from mirdrake.estimation.layout import make_group, process_noise, sensor_noise, start_size, unit_of
 from mirdrake.estimation.spec import (
     ACCELERATIONS,
     GROUPS,
-    OFFSETS,
-    SENSORS,
     STATES,
-    DisturbanceSpec,
     FilterSpec,
     HypothesisSpec,
 )
-from mirdrake.single_track.dynamics import Flags, Inputs, State, Variant, flags_of, lateral_force_of, record_of
+from mirdrake.single_track.dynamics import Inputs, Variant, record_of
 from mirdrake.single_track.parameters import PARAMETERS, POSITIVE, SingleTrackParameters
 
 if TYPE_CHECKING:
@@ -36,41 +30,15 @@ if TYPE_CHECKING:
 FORCES = Inputs._fields[1:3]
 """Known forces: drive and brake force at the road [N]."""
 
+INTERVAL_FACTOR = 2.0
+"""Factor on the standard deviations of slow quantities, measured on drawn vehicles (benchmarks/calibration).
+
+A filter that estimates states and parameters together is too certain: it takes the errors of its linearisation, and of
+noise that it has not adapted yet, for independent ones (L. Ljung, IEEE Trans. Automatic Control 24, 1979).
+"""
 
 BEGINNING = ("steering", "vx")
 """States that begin with their first measurement."""
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Filters of one variant, which one compiled call advances.
-
-    Attributes:
-        variant: equations.
-        filters: their places in the bank (n).
-        names: names of the elements of z.
-        design: what they have in common.
-        own: parameters (n, p).
-        present: room for those of a sigma point (n, p).
-        memory: their state.
-    """
-
-    variant: Variant
-    filters: Integers
-    names: tuple[str, ...]
-    design: Design
-    own: Floats
-    present: Floats
-    memory: Memory
-
-    @cached_property
-    def run(self) -> Callable[..., None]:
-        """The compiled loop."""
-        return compiled(kernel.filter_over_time, lateral_force_of(self.variant), parts=kernel.FILTER_PARTS, nogil=True)
-
-    @cached_property
-    def flags(self) -> Any:
-        return records(Flags, [flags_of(self.variant)])
 
 
 class FilterBank:
@@ -100,7 +68,7 @@ class FilterBank:
         self.parameters = [_parameters(parameters, spec, hypothesis) for hypothesis in spec.hypotheses]
         self.filters = _names(spec.hypotheses, variants)
         self._groups = [
-            _make_group(spec, variant, [i for i, other in enumerate(variants) if other == variant], self.parameters)
+            make_group(spec, variant, [i for i, other in enumerate(variants) if other == variant], self.parameters)
             for variant in dict.fromkeys(variants)
         ]
         priors = np.array([hypothesis.weight for hypothesis in spec.hypotheses])
@@ -131,11 +99,11 @@ class FilterBank:
             memory = group.memory
             for field in memory:
                 field[...] = 0
-            noise = np.array([_noise(self.spec, name) for name in self.sensors])
+            noise = np.array([sensor_noise(self.spec, name) for name in self.sensors])
             for row, i in enumerate(group.filters):
                 hypothesis, base = self.spec.hypotheses[i], self.parameters[i].wheelbase
-                sizes = [_size(self.spec, name, base, hypothesis.disturbance) for name in group.names]
-                memory.first_process[row] = _process(self.spec, group.names, sizes, base)
+                sizes = [start_size(self.spec, name, base, hypothesis.disturbance) for name in group.names]
+                memory.first_process[row] = process_noise(self.spec, group.names, sizes, base)
                 memory.first_noise[row] = (hypothesis.noise * noise) ** 2
                 memory.root[row] = np.diag(sizes)
             memory.process[...], memory.noise[...] = memory.first_process, memory.first_noise
@@ -209,7 +177,7 @@ class FilterBank:
     @property
     def signals(self) -> tuple[Signal, ...]:
         """Name and unit of each estimated quantity."""
-        return tuple(Signal(name, _unit(name)) for name in self.names)
+        return tuple(Signal(name, unit_of(name)) for name in self.names)
 
     @property
     def memory(self) -> Floats:
@@ -360,171 +328,6 @@ def _names(hypotheses: Sequence[HypothesisSpec], variants: Sequence[Variant]) ->
     return tuple(names)
 
 
-def _make_group(
-    spec: FilterSpec, variant: Variant, filters: Sequence[int], parameters: Sequence[SingleTrackParameters]
-) -> _Group:
-    """Return the filters of a variant."""
-    states = [name for name in variant.state_names if name in STATES]
-    if "steering" not in spec.sensors:
-        raise ConfigError("filter bank: the sensors have no 'steering'; the motion cannot be estimated without it")
-    disturbances = [name for name in ACCELERATIONS if _disturbance(spec, name, _CAR).sigma > 0.0]
-    biases = [f"{name}_bias" for name, sensor in spec.sensors.items() if sensor.bias > 0.0]
-    names = ("steering", "steering_rate", *states, *disturbances, *spec.estimate, *biases)
-    for sensor in spec.sensors:
-        if sensor in {"roll", "roll_rate"} and sensor not in names:
-            raise ConfigError(
-                f"filter bank: a filter without roll has no '{sensor}'; set roll: true, or remove the sensor"
-            )
-    effects = [
-        (names.index(name), *effect)
-        for name in (*spec.estimate, *biases)
-        for effect in _effects(name, tuple(spec.sensors))
-    ]
-    n, k, size = len(filters), len(spec.sensors), len(names)
-    base = parameters[filters[0]].wheelbase
-    decays = [
-        exp(-spec.period / _correlation_time(spec, name, base)) if name in disturbances else 1.0 for name in names
-    ]
-    rate = spec.period / spec.adaptation_time if spec.adaptation_time > 0.0 else 0.0
-    design = Design(
-        positions=np.array([names.index(name) if name in states else -1 for name in State._fields]),
-        steering=np.array([0, 1]),
-        accelerations=np.array([names.index(name) if name in names else -1 for name in ACCELERATIONS]),
-        decays=np.array(decays),
-        effects=np.array(effects, dtype=np.int64).reshape(-1, 3),
-        sensors=np.array([list(SENSORS).index(name) for name in spec.sensors]),
-        ahead=np.array([sensor.ahead for sensor in spec.sensors.values()]),
-        rates=np.array([rate * _adaptation(spec, name)[0] for name in (*names, "acceleration")]),
-        forgetting=np.array([_adaptation(spec, name)[1] for name in (*names, "innovation")]),
-        limits=np.array(ADAPTATION_LIMITS),
-        kinds=np.array([2 if name in spec.estimate else 1 for name in (*names, "acceleration")]),
-        gains=np.array([rate, spec.period / spec.consistency_time, INITIAL_SAMPLES]),
-    )
-    own = np.array([parameters[i].values() for i in filters])
-    memory = Memory(
-        mean=np.zeros((n, size)),
-        root=np.zeros((n, size, size)),
-        process=np.zeros((n, size + 1)),
-        noise=np.zeros((n, k)),
-        first_process=np.zeros((n, size + 1)),
-        first_noise=np.zeros((n, k)),
-        inputs=np.zeros((n, len(Inputs._fields))),
-        recent=np.zeros((n, k)),
-        changes=np.zeros((n, size)),
-        squares=np.zeros((n, k)),
-        products=np.zeros((n, k)),
-        counts=np.zeros((n, 1 + k)),
-        diverged=np.zeros(n, dtype=np.int64),
-    )
-    return _Group(variant, np.array(filters), names, design, own, own.copy(), memory)
-
-
-ADAPTATION_LIMITS = ((1e-2, 1e2), (1e-4, 1e4), (1.0, 1e4))
-"""Least and largest variance over the given one: of sensors, of accelerations, of the drift of slow quantities."""
-
-INTERVAL_FACTOR = 2.0
-"""Factor on the standard deviations of slow quantities, measured on drawn vehicles (benchmarks/calibration).
-
-A filter that estimates states and parameters together is too certain: it takes the errors of its linearisation, and of
-noise that it has not adapted yet, for independent ones (L. Ljung, IEEE Trans. Automatic Control 24, 1979).
-"""
-
-INITIAL_SAMPLES = 100.0
-"""Number of samples that the given noise counts for when it is adapted."""
-
-
-MANOEUVRE_TIME = 1.0
-"""Time over which the apparent changes of a parameter are correlated if the model lacks an effect [s]."""
-
-
-def _adaptation(spec: FilterSpec, name: str) -> tuple[float, float]:
-    """Return γ_j over γ, and the weight of the last value in ū_j, of an element of z.
-
-    Products of successive changes say little about the noise: their rates are larger than that of the sensors. The
-    steering changes from sample to sample, the accelerations over some samples, a parameter over a manoeuvre.
-    """
-    if name in spec.estimate:
-        return 5.0, 1.0 - exp(-spec.period / MANOEUVRE_TIME)
-    if name in ACCELERATIONS:
-        return 10.0, 0.2
-    return 10.0 if name == "acceleration" else 0.0, 0.5 if name == "steering_rate" else 0.2
-
-
-def _effects(name: str, sensors: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Return effect and column of what an element of z acts on."""
-    if name in OFFSETS:
-        return [(kernel.OFFSET, Inputs._fields.index(OFFSETS[name]))]
-    if name.endswith("_bias"):
-        return [(kernel.BIAS, sensors.index(name.removesuffix("_bias")))]
-    parts = GROUPS.get(name, (name,))
-    return [(kernel.FACTOR if part in POSITIVE else kernel.CHANGE, PARAMETERS.index(part)) for part in parts]
-
-
-def _process(spec: FilterSpec, names: Sequence[str], sizes: Sequence[float], wheelbase: float) -> Floats:
-    """Return the variances of the process noise of a period (z)."""
-    variances = []
-    for name, size in zip(names, sizes, strict=True):
-        if name in STATES:
-            density = STATES[name].density * (_CAR / wheelbase if name == "yaw_rate" else 1.0)
-            variances.append(density**2 * spec.period)
-        elif name in ACCELERATIONS:
-            variances.append(size**2 * (1.0 - exp(-2.0 * spec.period / _correlation_time(spec, name, wheelbase))))
-        else:
-            variances.append(_drift(spec, name) ** 2 * spec.period)
-    # The acceleration of the steering, constant within a period.
-    density = spec.steering_acceleration or STEERING_ACCELERATION * (_CAR / wheelbase) ** 0.75
-    return np.array([*variances, density**2 / spec.period])
-
-
-def _drift(spec: FilterSpec, name: str) -> float:
-    if name not in spec.estimate:
-        return 0.0
-    given = spec.estimate[name]
-    return DRIFT * given.sigma if given.drift is None else given.drift
-
-
-DRIFT = 0.06
-"""Usual standard deviation of the change of a slow quantity in a second over that at the start [1]."""
-
-STEERING_ACCELERATION = 1.0
-"""Usual density of the angular acceleration of the steering of a car [rad/s² per √Hz]."""
-
-
-def _correlation_time(spec: FilterSpec, name: str, wheelbase: float) -> float:
-    # Times of similar motions are as the roots of lengths (Froude).
-    return _disturbance(spec, name, wheelbase).time or CORRELATION_TIME * (wheelbase / _CAR) ** 0.5
-
-
-CORRELATION_TIME = 0.5
-"""Usual correlation time of the accelerations that the model of a car lacks [s]."""
-
-
-def _disturbance(spec: FilterSpec, name: str, wheelbase: float) -> DisturbanceSpec:
-    given: DisturbanceSpec | None = getattr(spec, name)
-    if given is not None:
-        return given
-    # A force that acts at one of the axles.
-    lateral = spec.lateral_disturbance
-    return DisturbanceSpec(sigma=lateral.sigma / (0.5 * wheelbase), time=lateral.time)
-
-
-def _noise(spec: FilterSpec, name: str) -> float:
-    noise = spec.sensors[name].noise
-    return SENSORS[name][1] if noise is None else noise
-
-
-def _size(spec: FilterSpec, name: str, wheelbase: float, disturbance: float) -> float:
-    """Return the standard deviation of an element of z at the start."""
-    if name in STATES:
-        return STATES[name].start * (_CAR / wheelbase if name == "yaw_rate" else 1.0)
-    if name in ACCELERATIONS:
-        return disturbance * _disturbance(spec, name, wheelbase).sigma
-    return spec.estimate[name].sigma if name in spec.estimate else spec.sensors[name.removesuffix("_bias")].bias
-
-
-_CAR = 2.7  # wheelbase of a car, for which the usual noise of the yaw rate is given [m]
-
-
 def _rows(given: ArrayLike, what: str, filters: int, columns: int) -> Floats:
     """Return an array (1 or n, t, columns)."""
     array = np.ascontiguousarray(given, dtype=float)
@@ -535,19 +338,3 @@ def _rows(given: ArrayLike, what: str, filters: int, columns: int) -> Floats:
             f"each of the {filters} filters"
         )
     return array
-
-
-_UNITS = {
-    "vx": "m/s", "vy": "m/s", "yaw_rate": "rad/s", "front_slip": "", "rear_slip": "", "roll": "rad",
-    "roll_rate": "rad/s", "longitudinal_disturbance": "m/s²", "lateral_disturbance": "m/s²",
-    "yaw_disturbance": "rad/s²", "steering": "rad", "steering_rate": "rad/s", "drive_offset": "N", "brake_offset": "N",
-    "mass": "kg", "yaw_inertia": "kg m²",
-    "front_stiffness": "N/rad", "rear_stiffness": "N/rad", "front_length": "m", "rear_length": "m", "com_height": "m",
-    "rotating_mass": "kg", "front_relaxation": "m", "rear_relaxation": "m", "drag": "N s²/m²", "gravity_x": "m/s²",
-    "gravity_y": "m/s²", "gravity_z": "m/s²",
-}  # fmt: skip
-
-
-def _unit(name: str) -> str:
-    sensor = name.removesuffix("_bias")
-    return SENSORS[sensor][0] if name.endswith("_bias") else _UNITS.get(name, "")
