@@ -238,6 +238,8 @@ def _add_to_diagram(schema: Json) -> None:
     blocks = []
     for kind, model in BLOCKS.items():
         block = model.model_json_schema(mode="validation")
+        # References of a block lead to the definitions of the whole file.
+        definitions |= block.pop("$defs", {})
         block["properties"] = {"kind": {"const": kind}} | block.get("properties", {})
         block["required"] = ["kind", *block.get("required", [])]
         blocks.append(block)

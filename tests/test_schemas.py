@@ -100,6 +100,14 @@ def test_files_that_readers_reject_are_not_valid(kind, text, path):
         ("diagram", "{world: empty, vehicles: {ego: {model: b}}, control: {ego: {kind: 'm:C', gain: 3}}}"),
         ("diagram", "{world: empty, vehicles: {ego: {model: b}}, systems: {a: {kind: 'm:C', x: 3}}}"),
         ("diagram", "{world: empty, vehicles: {ego: {model: b}}, systems: {a: {kind: low_pass, time_constant: 5 ms}}}"),
+        (
+            "diagram",
+            "{world: w, vehicles: {e: {model: b}}, systems: {a: {kind: filter_bank, vehicle: b, sensors: [vx]}}}",
+        ),
+        (
+            "diagram",
+            "{world: w, vehicles: {e: {model: b}}, systems: {a: {kind: filter_bank, vehicle: b, sensors: {vx: 0.1}}}}",
+        ),
         ("world", "{mirdrake: world/1, name: x, params: {m: 0.3}, ground: {mu: $m}}"),
         ("sensors", "{mounts: {imu: {kind: imu, frame: f, rate: 9, gyro_noise: {white: 0.1 deg/s}}}}"),
         ("data", "{mirdrake: data/1, channels: {vx: Speed}, logs: [{file: a.csv, end: 3 min}]}"),

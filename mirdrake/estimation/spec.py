@@ -155,7 +155,8 @@ class FilterSpec(Schema):
         default=None, gt=0.0, description="mean time between changes of the true hypothesis; never if left out [s]"
     )
 
-    @field_validator("sensors", mode="before")
+    # A number is the noise of a sensor; a list has sensors with their usual noise.
+    @field_validator("sensors", mode="before", json_schema_input_type=dict[str, SensorSpec | float] | list[str])
     @classmethod
     def _noise_alone(cls, given: object) -> object:
         if isinstance(given, dict):
@@ -164,7 +165,7 @@ class FilterSpec(Schema):
             }
         return {name: {} for name in given} if isinstance(given, list | tuple) else given
 
-    @field_validator("estimate", mode="before")
+    @field_validator("estimate", mode="before", json_schema_input_type=dict[str, SlowSpec | float])
     @classmethod
     def _sigma_alone(cls, given: object) -> object:
         if isinstance(given, dict):
