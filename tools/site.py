@@ -26,7 +26,7 @@ MENU = {
     "Tutorials": ("own_car", "tutorials/*"),
     "How-to guides": (
         "vehicles", "coming_from_ros_and_gazebo", "diagrams", "python", "driving", "worlds", "world_editor", "tuning",
-        "identification", "batch", "learning",
+        "identification", "estimation", "batch", "learning",
     ),
     "Reference": (
         "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "ground", "manoeuvres", "tuning_reference",
