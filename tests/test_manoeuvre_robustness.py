@@ -112,9 +112,8 @@ def test_a_planned_line_is_straight_where_it_need_not_bend():
 # --- the plant --------------------------------------------------------------------------------------------------------
 
 
-def test_tyres_with_a_law_have_point_contact_by_default():
-    assert _rig().contact == "point"
-    assert _rig("bolt").contact == "hydroelastic"
+def test_manoeuvres_have_point_contact_by_default():
+    assert _rig().contact == _rig("bolt").contact == "point"
     assert _rig(plant={"contact": "hydroelastic"}).contact == "hydroelastic"
 
 

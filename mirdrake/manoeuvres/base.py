@@ -243,12 +243,14 @@ class ManoeuvreSpec(Schema):
         title: title in reports.
         standard: standard that defines it.
         headline: keys of the figures that summarise it in the report.
+        uneven: whether its ground has a relief, on which a vertical tyre bears the wheels.
         margins: margins of figures of the single-track model against the full plant, by key.
     """
 
     title: ClassVar[str] = ""
     standard: ClassVar[str] = ""
     headline: ClassVar[tuple[str, ...]] = ()
+    uneven: ClassVar[bool] = False
     margins: ClassVar[dict[str, Margin]] = {}
 
     def drive(self, rig: Any, outcome: Outcome) -> None:

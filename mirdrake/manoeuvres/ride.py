@@ -35,6 +35,7 @@ class _Ride(ManoeuvreSpec):
     """Settings of both manoeuvres: the place of the driver."""
 
     standard: ClassVar[str] = "ISO 2631-1"
+    uneven: ClassVar[bool] = True
 
     seat_x: Length = setting(1.2, "place of the driver ahead of the rear axle", "m", "own")
     seat_y: Length = setting(0.35, "the same, to the left of the middle", "m", "own")

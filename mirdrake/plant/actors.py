@@ -4,6 +4,7 @@ The frames belong to a source of their own. Drake's plant rejects contact with t
 have no proximity role. A solid actor also is a body of the plant, with its mass and collision shapes.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -34,6 +35,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
+from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.obstacles import contact_material, looks
 from mirdrake.worlds import Actor, World
 from mirdrake.worlds.actors import WHEELBASE
@@ -53,6 +55,8 @@ class ActorsInScene:
         geometries: visual geometries of each actor by name.
         solid: names of the solid actors, in the order of the world.
         instance: model instance of their bodies; None without solid actors.
+        terrain: the ground, on which they move.
+        upright: names of actors that stay upright on a slope: people.
     """
 
     source: SourceId | None = None
@@ -60,18 +64,31 @@ class ActorsInScene:
     geometries: Mapping[str, tuple[GeometryId, ...]] = field(default_factory=dict)
     solid: tuple[str, ...] = ()
     instance: ModelInstanceIndex | None = None
+    terrain: Terrain = FLAT
+    upright: frozenset[str] = frozenset()
 
     def poses(self, planar: Array) -> FramePoseVector:
-        """Return the poses of the frames.
+        """Return the poses of the frames, on the ground and along its slope.
 
         Args:
             planar: x, y [m] and yaw [rad] of the actors (n, 3).
         """
         vector, planar = FramePoseVector(), planar[: len(self.frames)]
         # A rotation and an array: the constructor of Drake that takes least time in Python.
-        places = np.column_stack((planar[:, :2], np.zeros(len(planar))))
-        for frame, place, yaw in zip(self.frames.values(), places, planar[:, 2].tolist(), strict=True):
-            vector.set_value(frame, RigidTransform(RotationMatrix.MakeZRotation(yaw), place))
+        ground = self.terrain.slopes(planar[:, 0], planar[:, 1])
+        places = np.column_stack((planar[:, :2], ground[:, 0]))
+        for (name, frame), place, yaw, (_, along_x, along_y) in zip(
+            self.frames.items(), places, planar[:, 2].tolist(), ground, strict=True
+        ):
+            R_WA = RotationMatrix.MakeZRotation(yaw)
+            if not self.terrain.flat and name not in self.upright:
+                # z along the normal of the ground, x above the heading.
+                c, s = math.cos(yaw), math.sin(yaw)
+                ahead = np.array([c, s, along_x * c + along_y * s])
+                across = np.cross([-along_x, -along_y, 1.0], ahead)
+                axes = [axis / np.linalg.norm(axis) for axis in (ahead, across, np.cross(ahead, across))]
+                R_WA = RotationMatrix(np.column_stack(axes))
+            vector.set_value(frame, RigidTransform(R_WA, place))
         return vector
 
 
@@ -149,7 +166,9 @@ def add_actors(scene_graph: SceneGraph, world: World, bodies: ActorsInScene | No
     for actor in world.actors:
         frames[actor.name] = scene_graph.RegisterFrame(source, GeometryFrame(f"actor/{actor.name}"))
         geometries[actor.name] = tuple(_add_looks(scene_graph, source, frames[actor.name], actor))
-    return replace(bodies, source=source, frames=frames, geometries=geometries)
+    upright = frozenset(actor.name for actor in world.actors if actor.walks)
+    terrain = world.ground.terrain
+    return replace(bodies, source=source, frames=frames, geometries=geometries, terrain=terrain, upright=upright)
 
 
 def _add_looks(scene_graph: SceneGraph, source: SourceId, frame: FrameId, actor: Actor) -> list[GeometryId]:

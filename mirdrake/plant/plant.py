@@ -5,7 +5,7 @@ finalised. The road is one half space; its visual geometry is on top of it.
 """
 
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import cos, sin, sqrt
 from typing import Literal
@@ -516,11 +516,27 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
             body = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.Zero())
             plant.WeldFrames(plant.world_frame(), body.body_frame())
     ground = plant.RegisterCollisionGeometry(body, X_BG, shape, "road", material)
+    pads = [
+        plant.RegisterCollisionGeometry(plant.world_body(), X_WG, shape, f"road/{name}", material)
+        for name, shape, X_WG in _pads(world)
+    ]
     plant.mutable_gravity_field().set_gravity_vector(world.ground.gravity)
     for item in scenery(world):
         rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
         plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
-    return (ground,), props
+    return (ground, *pads), props
+
+
+def _pads(world: World) -> Iterator[tuple[str, Box, RigidTransform]]:
+    """Yield a box below each free prop on a relief, its top in the tangent plane: name, shape, pose.
+
+    The plane for other bodies is at the lowest point of the relief; a prop that is pushed off its pad falls down to it.
+    """
+    for placed in world.props:
+        if not placed.static and not world.ground.terrain.flat:
+            xmin, ymin, xmax, ymax = placed.footprint.bounds
+            side = 2.0 * max(xmax - xmin, ymax - ymin) + 2.0
+            yield placed.name, Box(side, side, _DEPTH), placed.X_WP @ RigidTransform([0.0, 0.0, -0.5 * _DEPTH])
 
 
 def _lowest_point(world: World) -> float:

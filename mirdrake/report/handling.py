@@ -121,7 +121,11 @@ def _plant(results: HandlingResults) -> str:
         # As of the variant that the rig chooses.
         kind = results.facts.tyres if results.facts.tyres in lateral_forces() else "brush"
         return f"{kind.replace('_', ' ')} tyres, relaxation"
-    return f"{plant.get('contact')} contact, step {1000.0 * float(plant.get('time_step', 0.0)):g} ms"
+    # The contact on the plane, and the vertical tyre on a relief.
+    uneven = [MANOEUVRES[outcome.name].uneven for outcome in results.outcomes if outcome.name in MANOEUVRES]
+    contacts = [str(plant.get("contact"))] * (not all(uneven) or not uneven) + ["tyre"] * any(uneven)
+    step = 1000.0 * float(plant.get("time_step", 0.0))
+    return f"{' and '.join(dict.fromkeys(contacts))} contact, step {step:g} ms"
 
 
 def _warnings(results: HandlingResults) -> list[str]:

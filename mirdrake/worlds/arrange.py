@@ -17,10 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import where
+from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.layouts import Slot, draw_in
 from mirdrake.worlds.props import Color, PlacedProp, Prop
@@ -45,12 +47,21 @@ _MayOverlap = Callable[[PlacedProp, PlacedProp], bool]
 
 @dataclass(frozen=True)
 class GroupPose:
-    """Pose of a group in the world."""
+    """Pose of a group in the world.
+
+    Attributes:
+        x: [m].
+        y: [m].
+        z: [m].
+        yaw: [rad].
+        grounded: whether its props without a height of their own stand on the ground, not at the height of the group.
+    """
 
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
     yaw: float = 0.0
+    grounded: bool = True
 
     def point(self, x: float, y: float) -> tuple[float, float]:
         """Return a point of the group's frame in W [m]."""
@@ -89,6 +100,7 @@ class _Item:
         frame: frame of the layout.
         order: its position in the file.
         depth: number of groups around it.
+        terrain: the ground.
     """
 
     entry: PropEntry
@@ -98,13 +110,14 @@ class _Item:
     frame: GroupPose
     order: _Order
     depth: int
+    terrain: Terrain
 
     def again(self, attempt: int) -> "_Item":
         """Return the item for a repeated draw."""
         return replace(self, draw=self.draw.again(attempt))
 
-    def pose(self) -> tuple[float, float, float, float]:
-        """Return x, y, z [m] and yaw [rad] in W, with jitter."""
+    def pose(self) -> GroupPose:
+        """Return its pose in W, with jitter; it is grounded if no height is given for it or a group around it."""
         entry, slot, draw = self.entry, self.slot, self.draw
         # A region is drawn anew at every attempt; so is a random position given by `at`.
         x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, location=where(entry, "scatter"))
@@ -121,14 +134,29 @@ class _Item:
         yaw = entry.yaw[slot.row % len(entry.yaw)] if isinstance(entry.yaw, list) else entry.yaw
         heading += draw.number(yaw, "rad", "yaw", entry)
         x, y = self.frame.point(x, y)
-        return x, y, self.frame.z + self._height(), self.frame.yaw + heading
+        above = self._height()
+        grounded = above is None and self.frame.grounded
+        z = float(self.terrain.height(x, y)) if grounded else self.frame.z + (above or 0.0)
+        return GroupPose(x, y, z, self.frame.yaw + heading, grounded)
 
-    def _height(self) -> float:
-        """Return its height above the frame [m]."""
+    def _height(self) -> float | None:
+        """Return its height above the frame [m], if one is given."""
         entry = self.entry
         if entry.at is not None and entry.at.z is not None:
             return self.draw.number(entry.at.z, "m", "at[2]", entry)
-        return self.draw.number(entry.z, "m", "z", entry) if entry.z is not None else 0.0
+        return self.draw.number(entry.z, "m", "z", entry) if entry.z is not None else None
+
+    def standing(self, pose: GroupPose, rotation: RollPitchYaw, *, inclined: bool) -> RigidTransform:
+        """Return the pose of a prop: its z axis along the normal of the ground if it is grounded and `inclined`."""
+        R_WP = rotation.ToRotationMatrix()
+        if inclined and pose.grounded and not self.terrain.flat:
+            normal = np.array(self.terrain.at(pose.x, pose.y).normal)
+            # The smallest rotation from the vertical to the normal.
+            axis = np.cross([0.0, 0.0, 1.0], normal)
+            angle = math.atan2(float(np.linalg.norm(axis)), float(normal[2]))
+            if angle > 0.0:
+                R_WP = RotationMatrix(AngleAxis(angle, axis / np.linalg.norm(axis))) @ R_WP
+        return RigidTransform(R_WP, [pose.x, pose.y, pose.z])
 
 
 class Arranger:
@@ -139,6 +167,7 @@ class Arranger:
         groups: returns the group of a name, or None.
         group_names: returns the names of all groups.
         folder: folder of the world file, for `file`.
+        terrain: the ground, on which props without a height stand.
         min_gap: smallest distance between random props and all others [m].
         allowed: whether the rules allow a prop in its place.
         may_overlap: whether two props may touch each other.
@@ -151,11 +180,13 @@ class Arranger:
         groups: Callable[[str], GroupSpec | None],
         group_names: Callable[[], list[str]],
         folder: Path,
+        terrain: Terrain = FLAT,
         min_gap: float = 0.0,
         allowed: Callable[[PlacedProp], bool] = lambda _: True,
         may_overlap: _MayOverlap = lambda _a, _b: False,
     ) -> None:
         self._areas, self._groups, self._group_names, self._folder = areas, groups, group_names, folder
+        self._terrain = terrain
         self._gap, self._allowed, self._may_overlap = min_gap, allowed, may_overlap
         self._draws_left = MOST_DRAWS
 
@@ -227,7 +258,7 @@ class Arranger:
         for index, slot in enumerate(slots):
             # The index is part of the name and of the random stream: one more prop does not change those before it.
             label = name if entry.at is not None else f"{name}[{index}]"
-            item = _Item(entry, label, draw.below(str(index)), slot, frame, (*order, index), depth)
+            item = _Item(entry, label, draw.below(str(index)), slot, frame, (*order, index), depth, self._terrain)
             if group is None:
                 yield _Draft(self._prop_maker(item), random, label, where(entry), name)
             elif random:
@@ -240,9 +271,8 @@ class Arranger:
             # Every attempt draws all values of the prop, not only its position, from streams of its own.
             entry, draw = item.entry, item.draw.again(attempt)
             prop = self._prop(entry, draw)
-            x, y, z, yaw = item.again(attempt).pose()
+            pose = item.again(attempt).pose()
             roll, pitch = (draw.number(getattr(entry, key), "rad", key, entry) for key in ("roll", "pitch"))
-            X_WP = RigidTransform(RollPitchYaw(roll, pitch, yaw), [x, y, z])
             # Streams are named by their values, so that this order has no effect on what is drawn.
             color = _color(entry, draw)
             if entry.mass is not None:
@@ -257,6 +287,9 @@ class Arranger:
                     f"{where(entry, 'static')}: false; vehicles drive over '{item.label}', so it is part of the "
                     "ground: make it static, or set driven_over: false"
                 )
+            # Walls, posts and trees stay upright on a slope; what can be moved or driven over lies on it.
+            inclined = prop.driven_over or not entry.static
+            X_WP = item.standing(pose, RollPitchYaw(roll, pitch, pose.yaw), inclined=inclined)
             return [PlacedProp(item.label, prop, X_WP, entry.static, color, where(entry), entry.is_random, item.order)]
 
         return make
@@ -279,7 +312,7 @@ class Arranger:
                     f"{where(entry, 'with', key)}: group '{entry.group}' has no parameter '{key}'; {hint}"
                 )
         # Parts of a group are placed relative to it; the draws of each come from a stream below that of the group.
-        inner = GroupPose(*item.pose())
+        inner = item.pose()
         parameters = {
             key: draw.parameter(value, f"params.{key}", location=where(group, "params", key))
             for key, value in group.params.items()

@@ -17,6 +17,7 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import data_root, find
 from mirdrake.core.yaml_io import Source, display_path, load_yaml, parse_tree, read_tree, validate, where
+from mirdrake.ground import Terrain
 from mirdrake.worlds.actor_entries import evaluate_actors, evaluate_scenario
 from mirdrake.worlds.actors import lay_out_actors
 from mirdrake.worlds.arrange import Arranger
@@ -189,7 +190,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     # Props, where the rules allow them.
     areas = NamedAreas(tracks, patches)
     rules = Rules(spec.rules, areas, starts, goals, draw)
-    props, unplaced = _make_props(spec, areas, rules, draw, folder)
+    props, unplaced = _make_props(spec, areas, rules, draw, folder, ground.terrain)
     for actor in spec.actors:
         read_recording(actor, folder)
     actors, full_actors, paths = lay_out_actors(spec, tracks, network)
@@ -218,7 +219,7 @@ def _raise(faults: list[str]) -> None:
 
 
 def _make_props(
-    spec: WorldSpec, areas: NamedAreas, rules: Rules, draw: Draw, folder: Path
+    spec: WorldSpec, areas: NamedAreas, rules: Rules, draw: Draw, folder: Path, terrain: Terrain
 ) -> tuple[list[PlacedProp], list[str]]:
     included: dict[str, GroupSpec] = {}
     # Included files contribute groups only; later files override earlier ones.
@@ -241,6 +242,7 @@ def _make_props(
         groups=find_group,
         group_names=lambda: sorted({*spec.groups, *included, *(file.stem for file in shipped.glob("*.yaml"))}),
         folder=folder,
+        terrain=terrain,
         min_gap=rules.min_gap,
         allowed=rules.allow,
         may_overlap=rules.may_overlap,

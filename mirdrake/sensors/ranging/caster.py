@@ -11,7 +11,7 @@ from mirdrake.actors.traffic import PLANAR
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.faces import Array
-from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state, planar_state
+from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state
 from mirdrake.sensors.ranging.mount import Ranging
 from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld
 from mirdrake.sensors.sampling import mount_pose
@@ -83,7 +83,7 @@ class Caster:
         # Actors are not bodies of the plant; their numbers follow those of the bodies.
         if self._actors is not None:
             rows = self._actors.Eval(context).reshape(-1, len(PLANAR))
-            states |= {self.world.bodies + number: planar_state(row) for number, row in enumerate(rows)}
+            states |= dict(enumerate(self.world.actor_states(rows), start=self.world.bodies))
         return states
 
     def look(self, context: Context, states: dict[int, BodyState] | None = None) -> Hits:

@@ -24,7 +24,7 @@ from mirdrake.core.compiled import compiled
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.sensors.ranging import motion
 from mirdrake.sensors.ranging.faces import Array, Faces, Ints, joined
-from mirdrake.sensors.ranging.motion import BodyState, poses_at, write_pose
+from mirdrake.sensors.ranging.motion import BodyState, planar_state, poses_at, write_pose
 from mirdrake.sensors.ranging.scene import RayScene, ray_scene
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class RayWorld:
         actors: "ActorsInScene | None" = None,
     ) -> None:
         self.things = ["ground"]
-        self._ground, self._terrain = ground, terrain
+        self._ground, self._terrain, self._actors = ground, terrain, actors
         inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
         fixed: list[Faces] = []
         owners: list[Ints] = []
@@ -150,6 +150,19 @@ class RayWorld:
         for index, (name, frame) in enumerate(frames.items(), start=self.bodies):
             faces_ = [faces for _, faces in _looks_of(inspector, frame)]
             self._movers.append(_Mover(index, self._number(f"actor/{name}"), ray_scene(joined(faces_))))
+
+    def actor_states(self, rows: Array) -> list[BodyState]:
+        """Return the states of the actors on the ground, from their motion in the plane (n, 6) [m, rad, m/s, rad/s]."""
+        states = [planar_state(row) for row in rows]
+        if self._actors is None or self._actors.terrain.flat:
+            return states
+        poses, slopes = self._actors.poses(rows), self._actors.terrain.slopes(rows[:, 0], rows[:, 1])
+        result = []
+        for state, frame, (_, along_x, along_y) in zip(states, self._actors.frames.values(), slopes, strict=True):
+            X_WA, rising = poses.value(frame), along_x * state.v[0] + along_y * state.v[1]
+            v = np.array([state.v[0], state.v[1], rising])
+            result.append(BodyState(X_WA.rotation().matrix(), X_WA.translation(), state.w, v))
+        return result
 
     def _number(self, name: str) -> int:
         if name not in self.things:
