@@ -9,7 +9,7 @@ import pandas
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from mirdrake.report.drive_layers import DrivenLine, Place, centre_lines, driven_lines, line_ends, numbered_places
+from mirdrake.report.drive_layers import DrivenLine, Place, centre_lines, driven_lines, marks, place_circle
 from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.vehicle_charts import VehicleSignals
@@ -85,7 +85,7 @@ def draw_drive(
     for actor in world.actors:
         if actors is not None and f"{actor.name}.x" in actors:
             x, y = (actors[f"{actor.name}.{key}"].to_numpy(dtype=float) for key in ("x", "y"))
-            lines.append(DrivenLine(x, y, ACTOR_COLOUR))
+            lines.append(DrivenLine(x, y, ACTOR_COLOUR, name=actor.name))
     for index, name in enumerate(names):
         vehicle = VehicleSignals(signals, name)
         if not vehicle.has("x", "y"):
@@ -148,7 +148,7 @@ def _draw_map(world: World, lines: Sequence[DrivenLine], places: Sequence[Place]
         # Thinner lines at a small scale, where parts of the track come close to each other.
         thickness = 2.4 if sheet.scale > 1.5 else 1.7
         layers = [surfaces, signals, props, driven_lines(lines, width=thickness, arrows=True)]
-        layers += [line_ends(lines), numbered_places(places)]
+        layers.append(marks(lines, places))
         pictures.append(draw_figure(world, sheet, PAGE, layers, kind=f"plot map {kind}", description=description))
     return Markup("\n").join(pictures)
 
@@ -159,7 +159,7 @@ def _draw_place(world: World, lines: Sequence[DrivenLine], place: Place, descrip
     bounds = (place.x - reach, place.y - reach, place.x + reach, place.y + reach)
     sheet = Sheet.around(bounds, _INSET, (_INSET, _INSET))
     layers = [surfaces, centre_lines, signals, props, driven_lines(lines, width=2.0)]
-    layers.append(numbered_places([place], numbers=False))
+    layers.append(place_circle(place))
     return draw_figure(world, sheet, PAGE, layers, kind="plot place", description=description)
 
 

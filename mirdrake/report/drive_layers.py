@@ -10,7 +10,8 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from mirdrake.report.map_sheet import Array, Palette, Sheet, line_tag, shape_tag, text_tag
+from mirdrake.report.map_labels import Labels
+from mirdrake.report.map_sheet import Array, Box, Palette, Sheet, line_tag, shape_tag
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.world_map import Layer
 from mirdrake.worlds import World
@@ -18,6 +19,7 @@ from mirdrake.worlds import World
 _ARROW_DISTANCE = 100.0  # [px] from one arrow head to the next
 _MOST_ARROWS = 80  # of one line
 _MOST_POINTS = 5000  # of one driven line
+_BESIDE = 5.0  # [px] from a driven line to a label
 _ROUND = 'stroke-linecap="round" stroke-linejoin="round"'
 
 
@@ -30,12 +32,14 @@ class DrivenLine:
         y: N coordinates in the world frame [m].
         colour: name of a CSS variable of the page.
         scale: N classes 0 … SCALE_STEPS - 1 that colour the line piece by piece, or None.
+        name: of an actor: label of its start, instead of the words start and end.
     """
 
     x: Array
     y: Array
     colour: str = "main"
     scale: NDArray[np.intp] | None = None
+    name: str = ""
 
     @property
     def finite(self) -> NDArray[np.bool_]:
@@ -64,14 +68,14 @@ class VehicleOutline:
     Attributes:
         corners: n points in the world frame [m].
         label: text beside it.
-        above: whether the label is above it.
+        other: whether it is another vehicle or an actor, without a label if there is no room.
         ring: whether a dashed circle is drawn around it.
         failed: whether it is drawn in the colour of alarms.
     """
 
     corners: Sequence[Sequence[float]]
     label: str
-    above: bool = False
+    other: bool = False
     ring: bool = False
     failed: bool = False
 
@@ -89,14 +93,17 @@ def driven_lines(lines: Sequence[DrivenLine], *, width: float, arrows: bool = Fa
 
     Args:
         lines: one per vehicle.
-        width: width of the last line [px]; those below it are wider, so that lines that coincide are all visible.
+        width: width of the last line [px]; vehicles below it have wider ones, so that lines that coincide are visible.
         arrows: whether arrow heads show the direction.
     """
 
     def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
-        for index, line in enumerate(lines):
-            yield from _driven_line(line, sheet, width + 2.4 * (len(lines) - 1 - index))
-            if arrows:
+        above = sum(not line.name for line in lines)
+        for line in lines:
+            # Actors may be many: their lines are not widened, and have no arrow heads.
+            above -= not line.name
+            yield from _driven_line(line, sheet, width if line.name else width + 2.4 * above)
+            if arrows and not line.name:
                 yield from _arrows(line, sheet, palette)
 
     return draw
@@ -164,36 +171,48 @@ def _arrows(line: DrivenLine, sheet: Sheet, palette: Palette) -> Iterable[str]:
         yield shape_tag(data, palette.ink, stroke=palette.paper, more='stroke-width="0.8"')
 
 
-def line_ends(lines: Sequence[DrivenLine]) -> Layer:
-    """Return a layer with a circle at the start and a square at the end of each line, with the words."""
+def marks(lines: Sequence[DrivenLine], places: Sequence[Place]) -> Layer:
+    """Return a layer with a circle at the start and a square at the end of each line, and of numbered places.
 
-    def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+    Labels do not overlap each other and the marks. Names of actors without room are left out.
+    """
+
+    def draw(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+        labels = Labels(sheet, paper=palette.paper)
         edge = f'fill="{palette.paper}" stroke="{palette.ink}" stroke-width="1.6"'
+        wanted: list[tuple[int, Box, str, int]] = []
         for line in lines:
             points = line.points
             if not len(points):
                 continue
-            # The words collide if start and end are closer than a word is long, as on closed tracks; then they go to
-            # opposite sides.
-            (x0, y0), (x1, y1) = sheet.place(points[[0, -1]]).tolist()
-            near = np.hypot(x1 - x0, y1 - y0) < 30.0
+            pixels = sheet.place(points)
+            labels.avoid_line(pixels, _BESIDE)
+            (x0, y0), (x1, y1) = pixels[[0, -1]].tolist()
             yield f'<circle cx="{x0:.1f}" cy="{y0:.1f}" r="4" {edge}/>'
             yield f'<rect x="{x1 - 3.5:.1f}" y="{y1 - 3.5:.1f}" width="7" height="7" {edge}/>'
-            yield text_tag(x0 - 6.0, y0 + 18.0, "start", color=palette.ink)
-            yield text_tag(x1 - 6.0, y1 - 11.0, "end", color=palette.ink, anchor="end" if near else "start")
+            first, last = (x0 - 4.0, y0 - 4.0, x0 + 4.0, y0 + 4.0), (x1 - 4.0, y1 - 4.0, x1 + 4.0, y1 + 4.0)
+            labels.block(first)
+            labels.block(last)
+            wanted += [(2, first, line.name, 400)] if line.name else [(1, first, "start", 400), (1, last, "end", 400)]
+        for number, place in enumerate(places, start=1):
+            yield from place_circle(place)(world, sheet, palette)
+            ((x, y),) = sheet.place([[place.x, place.y]]).tolist()
+            labels.block(box := (x - 7.5, y - 7.5, x + 7.5, y + 7.5))
+            wanted.append((0, box, str(number), 700))
+        # Numbers first, as the text of the page refers to them; then the ends of the vehicles, then the actors.
+        for _rank, box, text, weight in sorted(wanted, key=lambda row: row[0]):
+            labels.write_beside([box], text, color=palette.ink, weight=weight)
+        yield from labels.elements
 
     return draw
 
 
-def numbered_places(places: Sequence[Place], *, numbers: bool = True) -> Layer:
-    """Return a layer of circles around places, numbered from 1."""
+def place_circle(place: Place) -> Layer:
+    """Return a layer with a circle around a place."""
 
     def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
-        for number, place in enumerate(places, start=1):
-            ((x, y),) = sheet.place([[place.x, place.y]]).tolist()
-            yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="7.5" fill="none" stroke="{palette.ink}" stroke-width="1.2"/>'
-            if numbers:
-                yield text_tag(x + 10.0, y - 8.0, str(number), size=13.0, weight=700, color=palette.ink)
+        ((x, y),) = sheet.place([[place.x, place.y]]).tolist()
+        yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="7.5" fill="none" stroke="{palette.ink}" stroke-width="1.2"/>'
 
     return draw
 
@@ -205,25 +224,37 @@ def centre_lines(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         yield line_tag(sheet.polyline(points), palette.muted, 1.2, more='stroke-dasharray="6 4"')
 
 
-def vehicles(outlines: Sequence[VehicleOutline]) -> Layer:
-    """Return a layer of vehicles, each with a label."""
+def vehicles(outlines: Sequence[VehicleOutline], line: Array) -> Layer:
+    """Return a layer of vehicles, each with a label; labels do not overlap each other and the vehicles.
+
+    Args:
+        outlines: the vehicles, the decisive one last.
+        line: driven line (n, 2) in the world frame [m], from which labels are away if there is room.
+    """
 
     def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+        labels = Labels(sheet, paper=palette.paper)
+        if len(line):
+            labels.avoid_line(sheet.place(line), _BESIDE)
+        boxes: list[Box] = []
         for outline in outlines:
-            color = palette.alarm if outline.failed else palette.vehicle
+            color = palette.alarm if outline.failed else palette.muted if outline.other else palette.vehicle
             opacity, width = (0.35, 1.8) if outline.ring else (0.12, 1.2)
             look = f'fill-opacity="{opacity}" stroke-width="{width}"'
             yield shape_tag(sheet.line(outline.corners, closed=True), color, stroke=color, more=look)
-            # The label stands above or below its vehicle, within the picture.
             points = sheet.place(outline.corners)
-            (x, middle), low, high = points.mean(axis=0), points[:, 1].min(), points[:, 1].max()
+            (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
             if outline.ring:
-                radius = max(16.0, 3.2 * sheet.scale)
-                ring = f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{radius:.1f}" fill="none" stroke="{color}"'
+                (x, y), radius = points.mean(axis=0).tolist(), max(16.0, 3.2 * sheet.scale)
+                ring = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="none" stroke="{color}"'
                 yield f'{ring} stroke-width="1.4" stroke-dasharray="3 3"/>'
-                low, high = middle - radius, middle + radius
-            above = outline.above and low > 18.0
-            y = low - 5.0 if above else min(high + 13.0, sheet.height - 4.0)
-            yield text_tag(x, y, outline.label, color=palette.ink, anchor="middle")
+                x0, y0, x1, y1 = x - radius, y - radius, x + radius, y + radius
+            labels.block(box := (x0, y0, x1, y1))
+            boxes.append(box)
+        # The last one is the decisive one: its label has the first choice, and those of others have the last one.
+        order = sorted(range(len(outlines)), key=lambda number: (outlines[number].other, -number))
+        for number in order:
+            labels.write_beside([boxes[number]], outlines[number].label, color=palette.ink)
+        yield from labels.elements
 
     return draw

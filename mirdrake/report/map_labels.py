@@ -1,4 +1,4 @@
-"""Labels of a plan: inside props and areas or beside them, without overlaps."""
+"""Labels of a plan or a map: inside props and areas or beside them, without overlaps."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -8,6 +8,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.report.map_sheet import (
+    DOCUMENT,
     INK,
     MUTED,
     Array,
@@ -25,12 +26,16 @@ from mirdrake.worlds import PlacedProp, World
 class Labels:
     """Labels that do not overlap.
 
+    Args:
+        sheet: where they are written.
+        paper: colour around those that are beside something.
+
     Attributes:
         elements: SVG elements.
     """
 
-    def __init__(self, sheet: Sheet) -> None:
-        self._sheet = sheet
+    def __init__(self, sheet: Sheet, *, paper: str = DOCUMENT.paper) -> None:
+        self._sheet, self._paper = sheet, paper
         self._texts, self._things, self._roads = _Boxes(), _Boxes(), _Boxes()
         self.elements: list[str] = []
 
@@ -42,6 +47,12 @@ class Labels:
         """Prefer positions of labels that are away from points of the picture."""
         for x, y in points.tolist():
             self._roads.add((x - reach, y - reach, x + reach, y + reach))
+
+    def avoid_line(self, points: Array, reach: float) -> None:
+        """Prefer positions of labels that are away from a polyline of the picture."""
+        distance = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+        along = np.arange(0.0, distance[-1] + reach, reach)
+        self.avoid(np.column_stack([np.interp(along, distance, points[:, axis]) for axis in (0, 1)]), reach)
 
     def write_inside(self, area: BaseGeometry, text: str, fill: str, *, only_try: bool = False) -> bool:
         """Write a label inside an area of W, horizontally or vertically; return whether it fits.
@@ -111,7 +122,7 @@ class Labels:
             return False
         self._texts.add(box)
         middle = top + size[1] / 2.0
-        self.elements.append(text_tag(left, middle, text, color=color, weight=weight, middle=True, halo=True))
+        self.elements.append(text_tag(left, middle, text, color=color, weight=weight, middle=True, halo=self._paper))
         return True
 
     def _free(self, box: Box, taken: "_Boxes") -> bool:

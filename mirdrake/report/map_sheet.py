@@ -220,15 +220,15 @@ def line_tag(data: str, color: str, width: float, *, more: str = "") -> str:
 
 def text_tag(
     x: float, y: float, text: str, *, size: float = 12.0, color: str = INK, weight: int = 400, anchor: str = "start",
-    turn: int = 0, middle: bool = False, halo: bool = False,
+    turn: int = 0, middle: bool = False, halo: str = "",
 ) -> str:  # fmt: skip
-    """Return a text at a point [px]; `turn` [deg], `middle` centres it vertically, `halo` sets it off from below."""
+    """Return a text at a point [px]; `turn` [deg], `middle` centres it vertically, `halo` is the colour around it."""
     extra = f' text-anchor="{anchor}"' if anchor != "start" else ""
     extra += f' font-weight="{weight}"' if weight != 400 else ""
     extra += f' transform="rotate({turn} {x:.2f} {y:.2f})"' if turn else ""
     extra += ' dy="0.35em"' if middle else ""
     if halo:
-        extra += ' stroke="#ffffff" stroke-opacity="0.85" stroke-width="3" stroke-linejoin="round" paint-order="stroke"'
+        extra += f' stroke="{halo}" stroke-opacity="0.85" stroke-width="3" stroke-linejoin="round" paint-order="stroke"'
     return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:g}" fill="{color}"{extra}>{escape(text)}</text>'
 
 

@@ -211,7 +211,7 @@ def _draw_scale(sheet: Sheet) -> str:
     x, y, pixels = sheet.left + 16.0, sheet.bottom - 16.0, length * sheet.scale
     parts = [
         line_tag(f"M{x:.2f} {y - 4:.2f}v8M{x:.2f} {y:.2f}h{pixels:.2f}m0 -4v8", INK, 1.6),
-        text_tag(x + pixels / 2.0, y - 7.0, f"{length:g} m", anchor="middle", halo=True),
+        text_tag(x + pixels / 2.0, y - 7.0, f"{length:g} m", anchor="middle", halo=DOCUMENT.paper),
     ]
     x, y = sheet.left + sheet.width - 58.0, sheet.bottom - 18.0
     for dx, dy, name, color in ((1.0, 0.0, "x", "#b91c1c"), (0.0, -1.0, "y", DOCUMENT.goal)):

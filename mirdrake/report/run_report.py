@@ -360,7 +360,9 @@ def _marks(run: Run) -> list[float]:
 
 def _world_name(spec: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
     world = spec.get("world") or summary.get("world") or ""
-    return str(world.get("name", "")) if isinstance(world, Mapping) else str(world)
+    name = str(world.get("name", "")) if isinstance(world, Mapping) else str(world)
+    # A world may be given by the path of its file, whose folders are of no interest to the reader.
+    return Path(name).stem if name.endswith((".yaml", ".yml")) else name
 
 
 def _number(value: Any, otherwise: float = math.nan) -> float:

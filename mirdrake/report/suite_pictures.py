@@ -33,17 +33,16 @@ def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: b
     layers: list[Layer] = [surfaces, signals, props]
     if trace is not None:
         outlines = [
-            VehicleOutline(corners, label, above=label == "end")
-            for corners, label in ((trace.start, "start"), (trace.end, "end"))
-            if corners
+            VehicleOutline(corners, label) for corners, label in ((trace.start, "start"), (trace.end, "end")) if corners
         ]
         # The vehicle at the decisive moment, ringed, so that it is found on a large map.
         if worst is not None and trace.curves[worst].outline:
             curve = trace.curves[worst]
             label = f"{curve.worst_time:.2f} s"
-            outlines.append(VehicleOutline(curve.outline, label, above=True, ring=True, failed=failed))
+            outlines += [VehicleOutline(corners, name, other=True) for name, corners in curve.others.items()]
+            outlines.append(VehicleOutline(curve.outline, label, ring=True, failed=failed))
         x, y = np.reshape(np.asarray(trace.line, dtype=float), (-1, 2)).T
-        layers += [driven_lines([DrivenLine(x, y)], width=2.2), vehicles(outlines)]
+        layers += [driven_lines([DrivenLine(x, y)], width=2.2), vehicles(outlines, np.column_stack((x, y)))]
     description = "The world from above with the driven line." if trace is not None else "The world from above."
     return draw_figure(world, sheet, PAGE, layers, kind="plot map", description=description)
 

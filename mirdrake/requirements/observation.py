@@ -19,6 +19,7 @@ from mirdrake.core.vectors import STATE, WHEELS
 from mirdrake.requirements.surroundings import (
     GAP,
     TIME_TO_COLLISION,
+    Mover,
     clearance_to,
     gap_to,
     movers_of,
@@ -118,6 +119,7 @@ class Observation:
         events: events by name; ``at NAME`` for goals.
         goal: name of the goal that ``at goal`` means.
         corners: corners of the vehicle's outline in W [m] (n, 4, 2), front left first, to the left.
+        movers: other vehicles and actors.
     """
 
     times: Array
@@ -126,6 +128,7 @@ class Observation:
     events: Mapping[str, Event] = field(default_factory=dict)
     goal: str | None = None
     corners: Array = field(default_factory=lambda: np.empty((0, 4, 2)))
+    movers: tuple[Mover, ...] = ()
 
 
 def observe(
@@ -206,7 +209,7 @@ def observe(
         events[AT_RED] = _at_red(world, signals, max(float(x) for x in own.volume.outline[:, 0]))
     if goal is None and "at goal" in events:
         goal = "goal"
-    return Observation(times, signals, units, events, goal, corners)
+    return Observation(times, signals, units, events, goal, corners, tuple(movers.values()))
 
 
 def outline(vehicle: Vehicle) -> Outline:

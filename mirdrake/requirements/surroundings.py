@@ -37,6 +37,12 @@ class Mover:
     poses: Array
     velocities: Array
 
+    def outline_at(self, row: int) -> Array:
+        """Return the corners (k, 2) of its outline in W at a sample [m]."""
+        x, y, yaw = self.poses[row]
+        c, s = np.cos(yaw), np.sin(yaw)
+        return np.asarray(self.volume.outline @ np.array([[c, s], [-s, c]]) + [x, y])
+
 
 def movers_of(
     world: World, actors: pd.DataFrame, signals: Mapping[str, Array], vehicles: Mapping[str, Vehicle]

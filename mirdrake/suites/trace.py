@@ -5,7 +5,7 @@ The run folder of a case that passed is removed, its trace is kept. The world is
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +32,14 @@ class MarginCurve:
         margins: margins in the unit of the requirement; None where a margin is not finite.
         worst_time: time of the smallest margin [s].
         outline: outline of the vehicle at that time.
+        others: outlines of other vehicles and actors at that time, by name.
     """
 
     times: list[float]
     margins: list[float | None]
     worst_time: float
     outline: Points
+    others: dict[str, Points] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,11 @@ def _curve(seen: Observation, finding: Finding) -> MarginCurve:
         margins=[float(f"{value:.4g}") if np.isfinite(value) else None for value in margins],
         worst_time=round(finding.worst_time, 3),
         outline=_outline(seen, row),
+        others={
+            mover.name: np.round(mover.outline_at(row), 2).tolist()
+            for mover in seen.movers
+            if np.isfinite(mover.poses[row]).all()
+        },
     )
 
 
