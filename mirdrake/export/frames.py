@@ -73,6 +73,11 @@ def joint_columns(run: Run, part: VehicleInPlant) -> list[tuple[Joint, str, str 
     return [(joint, key, rate if rate in run.units else None) for joint, key, rate in named if key in run.units]
 
 
+def actor_frame(name: str) -> str:
+    """Return the name of the frame of an actor: on the ground below its rear axle, or below the middle of a walker."""
+    return f"actors.{name}"
+
+
 class Frames:
     """The frames of a run.
 

@@ -3,9 +3,9 @@
 =========================  ===========================  ===========================================================
 topic                      schema                       content
 =========================  ===========================  ===========================================================
-/tf                        foxglove.FrameTransforms     vehicles, their links and sensors, and loose props
+/tf                        foxglove.FrameTransforms     vehicles, their links and sensors, loose props and actors
 /scene                     foxglove.SceneUpdate         once: the world, its props and the vehicles, for the 3D panel
-/actors                    foxglove.SceneUpdate         boxes of the actors of the world at record.rate
+/actors                    foxglove.SceneUpdate         once: the actors of the world
 /<vehicle>/joint_states    sensor_msgs/msg/JointState   wheels, steering and springs at record.rate (ROS 2, CDR)
 /<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle at record.rate, units in the schema
 /<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
@@ -26,7 +26,7 @@ import heapq
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,8 +39,17 @@ from mirdrake.core.files import replacing
 from mirdrake.core.recording.arrays import Samples
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.core.recording.pictures import EPOCH, Picture
-from mirdrake.export.frames import WORLD, Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
-from mirdrake.export.models import Fields, scene_entities
+from mirdrake.export.frames import (
+    WORLD,
+    Frames,
+    Pose,
+    actor_frame,
+    eyes_of,
+    joint_columns,
+    optical_name,
+    sensor_mounts,
+)
+from mirdrake.export.models import Fields, Primitive, actor_entities, scene_entities
 from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.runs.logs import ACTORS, SIGNALS, Run, reads_run
@@ -48,7 +57,6 @@ from mirdrake.runs.logs import ACTORS, SIGNALS, Run, reads_run
 Arrays = Mapping[str, NDArray[np.float64]]
 
 SECOND = 10**9  # ns
-_BLUE = (0.25, 0.45, 0.75)  # actors without a colour
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
 _IMU = ("wx", "wy", "wz", "fx", "fy", "fz")  # of the samples of an IMU
 _GPS = {"latitude", "longitude", "altitude"}  # of the samples of a receiver
@@ -222,36 +230,38 @@ class _Streams:
     def _scene(self) -> Iterator[Message]:
         """Yield the visible shapes once, at the first sample; they move with the frames of :meth:`_transforms`."""
         first = next(iter(self._rows([])), None)
-        if first is None:
-            return
-        content, stamp = _make("SceneUpdate")(), self._stamp(first[0])
-        for name, frame, primitives in scene_entities(self._frames):
+        if first is not None:
+            yield self._entities(self._stamp(first[0]), "/scene", scene_entities(self._frames))
+
+    def _actors(self) -> Iterator[Message]:
+        """Yield the actors once, and the poses of their frames at each sample."""
+        actors, table = self._run.scene().world.actors, self._run.actors
+        transform, many = _make("FrameTransform"), _make("FrameTransforms")
+        columns = [table[[f"{actor.name}.{key}" for key in ("x", "y", "yaw")]].to_numpy() for actor in actors]
+        for row, time in enumerate(table.index.tolist()):
+            content, stamp = many(), self._stamp(time)
+            if row == 0:
+                yield self._entities(stamp, "/actors", actor_entities(actors))
+            for actor, poses in zip(actors, columns, strict=True):
+                x, y, yaw = poses[row].tolist()
+                entry = transform(parent_frame_id=WORLD, child_frame_id=actor_frame(actor.name))
+                entry.timestamp.FromNanoseconds(stamp)
+                # Quaternion w, x, y, z of a rotation about z.
+                pose = (x, y, 0.0, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+                _put_pose(entry.translation, entry.rotation, pose)
+                content.transforms.append(entry)
+            yield Message(stamp, "/tf", content)
+
+    def _entities(self, stamp: int, topic: str, entities: Iterable[tuple[str, str, list[Primitive]]]) -> Message:
+        """Return a scene of entities, each with its id, frame and primitives."""
+        content = _make("SceneUpdate")()
+        for name, frame, primitives in entities:
             # frame_locked: the shapes follow their frame instead of staying where it was at the stamp.
             entity = content.entities.add(id=name, frame_id=frame, frame_locked=True)
             entity.timestamp.FromNanoseconds(stamp)
             for key, fields in primitives:
                 _fill(getattr(entity, key).add(), fields)
-        yield Message(stamp, "/scene", content)
-
-    def _actors(self) -> Iterator[Message]:
-        """Yield the actors at each sample, each as a box of its size."""
-        actors, assembled = self._run.scene().world.actors, _make("SceneUpdate")
-        table = self._run.actors
-        columns = [table[[f"{actor.name}.{key}" for key in ("x", "y", "yaw")]].to_numpy() for actor in actors]
-        for row, time in enumerate(table.index.tolist()):
-            content, stamp = assembled(), self._stamp(time)
-            for actor, poses in zip(actors, columns, strict=True):
-                length, width, height = actor.prop.size
-                x, y, yaw = poses[row].tolist()
-                # The pose of an actor is that of its rear axle, the pose of a box that of its middle.
-                middle = (x + actor.rear_axle * math.cos(yaw), y + actor.rear_axle * math.sin(yaw), 0.5 * height)
-                # Quaternion w, x, y, z of a rotation about z.
-                pose = (*middle, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
-                entity = content.entities.add(id=actor.name, frame_id=WORLD)
-                entity.timestamp.FromNanoseconds(stamp)
-                color = (*(actor.color or _BLUE), 1.0)
-                _fill(entity.cubes.add(), {"pose": pose, "size": (length, width, height), "color": color})
-            yield Message(stamp, "/actors", content)
+        return Message(stamp, topic, content)
 
     def _joints(self, part: VehicleInPlant) -> Iterator[Message]:
         joints, topic = joint_columns(self._run, part), f"/{part.name}/joint_states"

@@ -7,7 +7,7 @@ formats and convex hulls become triangles.
 import json
 import struct
 from base64 import b64decode
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_to_bytes
@@ -18,7 +18,10 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Rgba, Role, Shape, Sphere
 from pydrake.math import RigidTransform
 
-from mirdrake.export.frames import WORLD, Frames, link_name, pose_of
+from mirdrake.export.frames import WORLD, Frames, actor_frame, link_name, pose_of
+from mirdrake.plant.actors import GREY
+from mirdrake.plant.obstacles import looks
+from mirdrake.worlds import Actor
 
 _MEDIA = "model/gltf-binary"
 _GREY = Rgba(0.7, 0.7, 0.7, 1.0)  # of a shape without a colour
@@ -57,6 +60,15 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[Primitive]]]
         entities.setdefault(key, []).extend(_primitives(inspector.GetShape(geometry), X_FG, color))
     for (name, frame), primitives in sorted(entities.items(), key=lambda item: item[0]):
         yield name, frame, primitives
+
+
+def actor_entities(actors: Iterable[Actor]) -> Iterator[tuple[str, str, list[Primitive]]]:
+    """Yield the id of the entity of each actor, its frame and its primitives."""
+    for actor in actors:
+        frame, color = actor_frame(actor.name), (*(actor.color or GREY), 1.0)
+        shapes = looks(actor.placed(0.0, 0.0, 0.0))
+        primitives = [one for shape, X_PG in shapes for one in _primitives(shape, actor.prop_pose @ X_PG, color)]
+        yield frame, frame, primitives
 
 
 def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[Primitive]:

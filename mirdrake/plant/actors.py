@@ -42,7 +42,9 @@ from mirdrake.worlds.actors import WHEELBASE
 from mirdrake.worlds.pieces import Array
 
 _STIFF = 30.0  # [rad/s] natural frequency of the controllers of solid actors: 1 cm behind at 9 m/s²
-_GREY = (0.72, 0.71, 0.68, 1.0)  # colour of an actor without mesh and colour
+
+GREY = (0.72, 0.71, 0.68)
+"""Colour of an actor without mesh and colour."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,7 @@ def add_actors(scene_graph: SceneGraph, world: World, bodies: ActorsInScene | No
 def _add_looks(scene_graph: SceneGraph, source: SourceId, frame: FrameId, actor: Actor) -> list[GeometryId]:
     """Add the visual shapes of an actor, with the properties that a plant gives to its visual geometry."""
     added = []
-    rgba = np.array([*actor.color, 1.0] if actor.color else _GREY)
+    rgba = np.array([*(actor.color or GREY), 1.0])
     for index, (shape, X_PG) in enumerate(looks(actor.placed(0.0, 0.0, 0.0))):
         instance = GeometryInstance(actor.prop_pose @ X_PG, shape, f"actor/{actor.name}/look{index}")
         illustration = MakePhongIllustrationProperties(rgba)
