@@ -9,6 +9,9 @@ from pydrake.systems.framework import Context
 
 from mirdrake.runs.logs import load_run
 from mirdrake.sensors.ranging.lidar import LidarScan
+from mirdrake.viewer import make_meshcat
+from mirdrake.viewer.cockpit import Cockpit, drive_spec
+from mirdrake.viewer.recording import draw_run
 from mirdrake.worlds.actors import WHEELBASE
 from tests.actor_rigs import simulation, world_file
 
@@ -100,20 +103,24 @@ def test_label_picture_shows_an_actor_where_it_is(tmp_path: Path) -> None:
     assert checked >= 20
 
 
-def test_radar_measures_range_and_range_rate_of_an_actor(tmp_path: Path) -> None:
+def test_radar_and_sonar_measure_the_range_of_an_actor(tmp_path: Path) -> None:
     world = world_file(tmp_path, actors=[ACTOR | {"path": [[100, 0], [0, 0]]}], tracks=None)
     preset = {"kind": "radar", "frame": "front_camera", "rate": 20, "near": 0.5, "far": 150, "targets": 2}
     preset |= {"horizontal_fov": 0.05, "vertical_fov": 0.05}
     drive = simulation(world, sensors={"ego": ["front_camera"]}, ego={"mounts": {}}, duration=2.0)
     from mirdrake.sensors.ranging.radar import RadarMount
+    from mirdrake.sensors.ranging.sonar import SonarMount
 
-    mount = RadarMount(**preset)
+    echo = {"kind": "sonar", "frame": "front_camera", "rate": 20, "near": 0.5, "far": 150, "cone": 0.02, "rays": 50}
     parts = drive.assembly.parts
-    system = mount.make(parts=parts, part=parts.vehicles["ego"], stream=0)
+    radar, sonar = (
+        mount.make(parts=parts, part=parts.vehicles["ego"], stream=0)
+        for mount in (RadarMount(**preset), SonarMount(**echo))
+    )
     port = drive.assembly.diagram.GetSubsystemByName("traffic").states
-    readings: list[tuple[float, Any]] = []
+    readings: list[tuple[float, Any, float]] = []
 
-    def keep(context: Context) -> None:
+    def reading(system: Any, context: Context) -> Any:
         own = system.CreateDefaultContext()
         own.SetTime(context.get_time())
         plant = parts.plant
@@ -123,15 +130,19 @@ def test_radar_measures_range_and_range_rate_of_an_actor(tmp_path: Path) -> None
             system.GetInputPort(name).FixValue(own, value)
         states = port.Eval(port.get_system().GetMyContextFromRoot(context))
         system.GetInputPort("actor_states").FixValue(own, states)
-        readings.append((context.get_time(), system.measure(own)))
+        return system.measure(own)
+
+    def keep(context: Context) -> None:
+        readings.append((context.get_time(), reading(radar, context), float(reading(sonar, context)[0])))
 
     drive.run(duration=0.5, monitor=keep)
     frame = parts.plant.GetFrameByName("front_camera")
     X_WS = frame.CalcPoseInWorld(parts.plant.GetMyContextFromRoot(drive.assembly.make_context()))
-    for time, sample in readings[10:]:
+    for time, sample, distance in readings[10:]:
         front = 100.0 - SPEED * time - AXLE - 0.5 * LENGTH
         assert sample[0] == pytest.approx(front - X_WS.translation()[0], abs=0.02)
         assert sample[2] == pytest.approx(-SPEED, abs=0.05)
+        assert distance == pytest.approx(front - X_WS.translation()[0], abs=0.02)
 
 
 def test_ranges_and_clearance_know_actors(tmp_path: Path) -> None:
@@ -145,6 +156,16 @@ def test_ranges_and_clearance_know_actors(tmp_path: Path) -> None:
     assert run["ego.vx"].iloc[-1] == pytest.approx(0.0, abs=0.02)
 
 
+def test_the_cockpit_draws_actors_without_any_sensor(tmp_path: Path) -> None:
+    world = world_file(tmp_path, actors=[crossing(12.0)], tracks=None)
+    data = {"world": str(world), "vehicles": {"ego": {"model": "bolt"}}, "plant": {"contact": "point"}}
+    meshcat = make_meshcat(port=0)
+    cockpit = Cockpit(drive_spec(data), meshcat=meshcat)
+    assert cockpit.picture is not None
+    cockpit.picture.draw(cockpit.assembly.make_context(), passed=0.1)
+    assert meshcat.HasPath("visualizer/actor/bus")
+
+
 def test_a_collision_between_samples_is_recorded(tmp_path: Path) -> None:
     begin = -10.0
     world = world_file(tmp_path, actors=[crossing(20.0, begin=begin)], tracks=None)
@@ -156,6 +177,11 @@ def test_a_collision_between_samples_is_recorded(tmp_path: Path) -> None:
     reached = 20.0 - 0.5 * WIDTH - max(float(x) for x in drive._volumes["ego"].outline[:, 0])
     assert events[0]["time"] == pytest.approx(reached / 25.0, abs=0.02)
     assert run.summary["vehicles"]["ego"]["collisions"][0]["difference_mps"] == pytest.approx(np.hypot(25, 15), abs=0.3)
+
+    # A recording has it as well.
+    meshcat = make_meshcat(port=0)
+    draw_run(load_run(tmp_path / "run"), meshcat)
+    assert meshcat.HasPath("visualizer/actor/bus")
 
     # The run folder has the actor: its own table with units, the same samples, and the world to draw it in.
     stored = load_run(tmp_path / "run")

@@ -197,6 +197,7 @@ def assemble(
     meshcat: Meshcat | None = None,
     scene: Scene | None = None,
     drawing_period: float | None = None,
+    drawn: bool = False,
     expand: bool = False,
     factories: Mapping[str, Callable[[], System]] | None = None,
 ) -> Assembly:
@@ -208,6 +209,7 @@ def assemble(
         scene: of this spec, if it is made already; see :func:`mirdrake.assembly.scene.make_scene`.
         drawing_period: simulated time between the drawings of a MeshcatVisualizer in the diagram [s]. None adds no
             MeshcatVisualizer: an exception of Meshcat within a step, or at the start, would end the simulation.
+        drawn: whether a Meshcat outside of the diagram will draw it.
         expand: whether the control units are Diagrams of blocks. Otherwise a unit is one fused system with the same
             bits, which is faster, unless the spec replaces, connects or records one of its blocks.
         factories: functions that make the systems of classes and objects in Python, by their names under ``systems``.
@@ -244,7 +246,7 @@ def assemble(
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
     # The scene graph moves every frame in each step of the plant, so that it gets actors only if something sees them.
-    if meshcat is not None or sensors_of(spec):
+    if meshcat is not None or drawn or sensors_of(spec):
         parts = replace(parts, actors=add_actors(parts.scene_graph, world, parts.actors))
     wiring = Wiring(builder, spec, factories=factories or {})
     add_traffic(wiring, parts, spec)
@@ -271,8 +273,8 @@ def assemble(
         params = MeshcatVisualizerParams(publish_period=drawing_period, delete_on_initialization_event=False)
         MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     if meshcat is not None:
-        drawn = {name for name, system in wiring.systems.items() if getattr(system, "has_cloud_overlay", False)}
-        add_cloud_overlays(builder, meshcat, {name: wiring.systems[name] for name in drawn})
+        clouds = {name for name, system in wiring.systems.items() if getattr(system, "has_cloud_overlay", False)}
+        add_cloud_overlays(builder, meshcat, {name: wiring.systems[name] for name in clouds})
 
     # Logs and exports come after the connections: they depend on what is connected and on what is still open.
     taps = add_taps(wiring, parts, readings, spec) if spec.record.signals else {}

@@ -76,7 +76,7 @@ class Cockpit:
         folder: Callable[[], Path] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
-        self.assembly = assemble(spec, scene=scene)
+        self.assembly = assemble(spec, scene=scene, drawn=meshcat is not None)
         self.part = self.assembly.parts.vehicles[NAME]
         self.limits = manual_limits(self.part)
         self.gains = self.part.vehicle.control.gains()
