@@ -60,8 +60,8 @@ def chain(*lengths: float) -> LaneTable:
     """Return a chain of straight lanes along x as attributes, as for compiled functions."""
     begins = np.cumsum((0.0, *lengths))
     rows = [
-        LaneRow(2 * k, 2, 0, length, length, 0, 0, -1, -1, (k + 1 if k + 1 < len(lengths) else -1, -1, -1, -1), 3.5,
-                (begins[k], -1.75, begins[k + 1], 1.75))
+        LaneRow(2 * k, 2, 0, length, length, 0, 0, -1, 0, -1, -1, (k + 1 if k + 1 < len(lengths) else -1, -1, -1, -1),
+                3.5, (begins[k], -1.75, begins[k + 1], 1.75))
         for k, length in enumerate(lengths)
     ]  # fmt: skip
     nodes = [Node(x, 0.0, 0.0, 0.0) for k in range(len(lengths)) for x in begins[k : k + 2]]
@@ -102,7 +102,8 @@ def test_objects_on_crossing_paths_are_those_of_an_exhaustive_search(monkeypatch
 
     def found() -> Any:
         objects = np.zeros(len(bodies) * len(table.lanes), OBJECT).view(np.recarray)
-        count = fill(table, shape, np.arange(len(bodies)), np.empty(0, STATE).view(np.recarray), bodies, objects)
+        none, now = np.zeros(len(bodies), np.int64), np.empty(0, STATE).view(np.recarray)
+        count = fill(table, shape, np.arange(len(bodies)), none, np.empty((0, 3)), now, bodies, objects)
         return objects[:count]
 
     near = found()

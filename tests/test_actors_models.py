@@ -33,10 +33,11 @@ def simulate(world: World, duration: float, *, each: Any = None) -> Array:
     """Return the states at the end."""
     lanes, crew, _ = make_crew(world, {}, 0)
     step = TimeStep(lanes, crew)
+    claims = step.claims()
     now = start_states(world, lanes)
     after = np.empty_like(now)
     for k in range(round(duration / DT)):
-        step(now, np.empty((0, 5)), k * DT, DT, after)
+        step(now, np.empty((0, 5)), k * DT, DT, after, claims)
         now, after = after, now
         if each is not None:
             each(k * DT + DT, now)
@@ -98,11 +99,12 @@ def test_stability_of_a_ring_has_the_sign_of_the_linear_criterion(acceleration: 
     lanes, crew, _ = make_crew(world, {}, 0)
     crew.members["speed"][:] = 25.0
     step = TimeStep(lanes, crew)
+    claims = step.claims()
     now = start_states(world, lanes)
     now["wanted"] = 25.0
     after, spread = np.empty_like(now), []
     for k in range(30_000):
-        step(now, np.empty((0, 5)), k * DT, DT, after)
+        step(now, np.empty((0, 5)), k * DT, DT, after, claims)
         now, after = after, now
         spread.append(float(np.ptp(now["v"])))
     early, late = max(spread[1000:2000]), max(spread[-1000:])

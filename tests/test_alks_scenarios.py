@@ -198,11 +198,12 @@ def test_actors_of_a_scenario_move_as_its_closed_form(family: str, tmp_path: Pat
     ego = FullVehicle(world.actors[number].volume, 0, 0)
     lanes, crew, _ = make_crew(world, {"ego": ego}, 0)
     step, now = TimeStep(lanes, crew), start_states(world, lanes)
+    claims = step.claims()
     worst = 0.0
     for k in range(round(20.0 / DT)):
         vehicles = np.array([[BEGIN + EGO * k * DT, LANE, 0.0, EGO, 0.0]])
         after_step = np.empty_like(now)
-        step(now, vehicles, k * DT, DT, after_step)
+        step(now, vehicles, k * DT, DT, after_step, claims)
         now = after_step
         x, y = expected((k + 1) * DT)
         worst = max(worst, math.hypot(float(now["x"][number]) - x, float(now["y"][number]) - y))

@@ -1,5 +1,6 @@
 """Actors on a network obey the right of way of its junctions."""
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,15 @@ import pytest
 
 from mirdrake.actors.crew import make_crew, start_states
 from mirdrake.actors.step import TimeStep
-from mirdrake.worlds import World, make_world
+from mirdrake.core.paths import find
+from mirdrake.worlds import World, load_world, make_world
 from mirdrake.worlds.clearance import clearance_between
 from tests.opendrive_maps import crossing, signal
 
 DT = 0.02  # [s]
+ARMS = (0, 90, 180, 270)  # [deg]
+STOPS = {direction: signal(f"stop{direction}", 0.5, "206") for direction in ARMS}
+LONGEST = 80.0  # [s] in which eight cars pass, each after the one before it
 
 
 def world_of(folder: Path, cars: dict[str, tuple[str, float]], **options: Any) -> World:
@@ -31,6 +36,7 @@ def drive(world: World, duration: float) -> tuple[dict[str, float], float]:
     """Return when each car has its middle past the junction, and the smallest distance of two cars [m]."""
     lanes, crew, _ = make_crew(world, {}, 0)
     step, now = TimeStep(lanes, crew), start_states(world, lanes)
+    claims = step.claims()
     names, numbers = [actor.name for actor in world.actors], {name: k for k, name in enumerate(world.lanes)}
     inner = {numbers[name] for junction in world.network.junctions.values() for name in junction.lanes}  # type: ignore[union-attr]
     left: dict[str, float] = {}
@@ -38,7 +44,7 @@ def drive(world: World, duration: float) -> tuple[dict[str, float], float]:
     poses: list[Any] = []
     for k in range(round(duration / DT)):
         after = np.empty_like(now)
-        step(now, np.empty((0, 5)), k * DT, DT, after)
+        step(now, np.empty((0, 5)), k * DT, DT, after, claims)
         now = after
         poses.append(np.column_stack([now[key] for key in ("x", "y", "yaw")]))
         for name, lane in zip(names, now["lane"], strict=True):
@@ -89,12 +95,161 @@ def test_dense_traffic_on_two_roads_does_not_overlap(tmp_path: Path) -> None:
     assert math.isfinite(distance)
 
 
-def test_the_first_to_enter_drives_where_nobody_has_priority(tmp_path: Path) -> None:
-    signs = {d: signal(f"stop{d}", 0.5, "206") for d in (0, 90, 180, 270)}
+def test_the_first_to_stop_drives_at_an_all_way_stop(tmp_path: Path) -> None:
     for first, second in (("180.0.1", "270.0.1"), ("270.0.1", "180.0.1")):
-        world = world_of(tmp_path, {"first": (first, 14.0), "second": (second, 4.0)}, signals=signs)
+        world = world_of(tmp_path, {"first": (first, 14.0), "second": (second, 4.0)}, signals=STOPS)
         assert world.network is not None
         assert world.network.junctions["J"].rule == "all_way_stop"
-        left, distance = drive(world, 20.0)
+        left, distance = drive(world, 45.0)
         assert left["first"] < left["second"]
         assert distance > 0.3
+        # The line is 0.5 m before the junction.
+        way = next(way for way in world.ways if way.lane == "180_straight.0.-1")
+        assert [way.s, way.length] == pytest.approx([-0.5, 20.5])
+        assert way.stops
+
+
+# --- draws of junctions ---------------------------------------------------------------------------------------------
+
+
+def draw(folder: Path, seed: int, kind: str, cars: tuple[int, int] = (0, 2)) -> World:
+    """Return a crossing of four arms with cars on random ways through it.
+
+    Args:
+        folder: for its map.
+        seed: of the draw.
+        kind: stop: an all-way stop; equal: right before left.
+        cars: least and largest number per arm; one per arm all come at the same time.
+    """
+    rng = np.random.default_rng(seed)
+    (folder / "map.xodr").write_text(crossing(signals=STOPS if kind == "stop" else {}), encoding="utf-8")
+    tracks: dict[str, Any] = {}
+    actors = []
+    for arm in ARMS:
+        for k in range(rng.integers(cars[0], cars[1] + 1)):
+            to = int(rng.choice([other for other in ARMS if other != arm]))
+            name = f"way_{arm}_{to}"
+            tracks[name] = {"route": {"from": f"{arm}.0.1@1", "to": f"{to}.0.-1@48"}}
+            s, speed = (
+                (15.0, 8.0) if cars == (1, 1) else (18.0 - 16.0 * k + rng.uniform(0.0, 7.0), rng.uniform(5.0, 12.0))
+            )
+            place = {"track": name, "s": float(s)}
+            car = {"actor": "sedan", "name": f"car_{arm}_{k}", "on_track": place, "speed": float(speed)}
+            actors.append(car | {"behaviour": "idm"})
+    data = {"mirdrake": "world/1", "network": {"xodr": "map.xodr"}, "tracks": tracks, "actors": actors}
+    return make_world(data, path=folder / "world.yaml")
+
+
+def town(folder: Path, seed: int, count: int = 24) -> World:
+    """Return the world `town` with cars on random ways through its crossing and its roundabout.
+
+    Args:
+        folder: of the world.
+        seed: of the draw; with an odd one, the lights of the crossing are on.
+        count: number of cars.
+    """
+    rng, network = np.random.default_rng(seed), load_world("town").network
+    assert network is not None
+    arms = [lane for lane in network.driving() if lane.junction is None and lane.length > 25.0]
+    begins, ends = [one.id for one in arms if not one.predecessors], [one.id for one in arms if not one.successors]
+    tracks: dict[str, Any] = {}
+    actors: list[dict[str, Any]] = []
+    taken: list[tuple[str, float]] = []
+    while len(actors) < count:
+        begin, end = str(rng.choice(begins)), str(rng.choice(ends))
+        s = float(rng.uniform(2.0, network.lanes[begin].length - 15.0))
+        if any(lane == begin and abs(at - s) < 9.0 for lane, at in taken):
+            continue
+        taken.append((begin, s))
+        name = f"way_{begins.index(begin)}_{ends.index(end)}"
+        tracks[name] = {"route": {"from": f"{begin}@1", "to": f"{end}@{network.lanes[end].length - 1.0:.1f}"}}
+        car = {"actor": "sedan", "name": f"car_{len(actors):02d}", "on_track": {"track": name, "s": s}}
+        actors.append(car | {"speed": float(rng.uniform(6.0, 11.0)), "behaviour": "idm"})
+    cycle = {"green": 12, "amber": 3, "red": 17}
+    lights = {
+        name: {"programme": cycle, "offset": 0.0 if {"east", "west"} & set(name.split("_")) else 16.0}
+        for name, signal in network.signals.items()
+        if signal.kind == "lights" and seed % 2
+    }
+    data = {"mirdrake": "world/1", "network": {"xodr": str(find("worlds", "town").parent / "maps" / "town.xodr")}}
+    return make_world(data | {"tracks": tracks, "actors": actors, "signals": lights}, path=folder / "world.yaml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_a_crossing_with_lights_and_a_roundabout_become_empty(seed: int, tmp_path: Path) -> None:
+    # Cars in a small roundabout would wait for one another in a circle if each junction were reserved by itself.
+    time, distance, states = pass_all(town(tmp_path, seed), longest=200.0)
+    assert time < 200.0
+    assert distance > 0.3
+    assert len(states[-1]) == 24
+
+
+def pass_all(world: World, longest: float = LONGEST) -> tuple[float, float, list[Any]]:
+    """Return when the last car is behind all junctions [s], the smallest distance of two cars [m], and all states."""
+    lanes, crew, _ = make_crew(world, {}, 0)
+    step, now = TimeStep(lanes, crew), start_states(world, lanes)
+    claims, states = step.claims(), [now]
+    rows, begins = crew.ways.rows, crew.ways.begins
+    last = rows[begins[now["lane"].astype(int) + 1] - 1]  # of each car's lane
+    while (now["s"] - crew.shape[:, 1] <= last["s"] + last["length"]).any() and len(states) * DT < longest:
+        after = np.empty_like(now)
+        step(now, np.empty((0, 5)), (len(states) - 1) * DT, DT, after, claims)
+        now = after
+        states.append(now)
+    poses = np.array([np.column_stack([one[key] for key in ("x", "y", "yaw")]) for one in states[::5]])
+    distance = math.inf
+    for i, j in itertools.combinations(range(len(now)), 2):
+        # Exact distances only where the circles around both come near to each other.
+        near = np.hypot(*(poses[:, i, :2] - poses[:, j, :2]).T) < 9.0
+        if near.any():
+            volume = world.actors[0].volume
+            distance = min(distance, float(clearance_between(volume, poses[near, i], volume, poses[near, j]).min()))
+    return len(states) * DT, distance, states
+
+
+@pytest.mark.parametrize("kind", ["stop", "equal"])
+@pytest.mark.parametrize("cars", [(1, 1), (0, 2)])
+@pytest.mark.parametrize(
+    "seeds",
+    [range(2), pytest.param(range(2, 60), marks=pytest.mark.slow)],
+    ids=["few", "many"],
+)
+def test_everybody_passes_without_overlap(kind: str, cars: tuple[int, int], seeds: range, tmp_path: Path) -> None:
+    for seed in seeds:
+        time, distance, _ = pass_all(draw(tmp_path, seed, kind, cars))
+        assert time < LONGEST, seed
+        assert distance > 0.3, seed
+
+
+def test_the_order_of_equal_ones_is_that_of_their_names(tmp_path: Path) -> None:
+    # All go straight on and arrive at the same instant: each has one from its right. The first name opens the circle.
+    (tmp_path / "map.xodr").write_text(crossing(), encoding="utf-8")
+    tracks = {f"way_{a}": {"route": {"from": f"{a}.0.1@1", "to": f"{(a + 180) % 360}.0.-1@48"}} for a in ARMS}
+
+    def order(names: dict[int, str], *, reverse: bool = False) -> tuple[list[str], bytes]:
+        actors = [
+            {
+                "actor": "sedan",
+                "name": names[a],
+                "on_track": {"track": f"way_{a}", "s": 15},
+                "speed": 8,
+                "behaviour": "idm",
+            }
+            for a in ARMS
+        ]
+        data = {"mirdrake": "world/1", "network": {"xodr": "map.xodr"}, "tracks": tracks}
+        world = make_world(data | {"actors": actors[::-1] if reverse else actors}, path=tmp_path / "world.yaml")
+        time, distance, states = pass_all(world)
+        assert time < LONGEST
+        assert distance > 0.3
+        ends = {
+            actor.name: next(k for k, one in enumerate(states) if one["s"][i] > 69.0)
+            for i, actor in enumerate(world.actors)
+        }
+        return sorted(ends, key=ends.__getitem__), b"".join(one.tobytes() for one in states)
+
+    first, same = order({0: "a", 90: "b", 180: "c", 270: "d"})
+    assert first[0] == "a"
+    assert order({0: "a", 90: "b", 180: "c", 270: "d"}, reverse=True) == (first, same)
+    assert order({0: "d", 90: "a", 180: "b", 270: "c"})[0][0] == "a"

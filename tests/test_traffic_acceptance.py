@@ -30,9 +30,10 @@ def states_over(world: World, duration: float) -> list[Any]:
     """Return the states of the actors at all time steps."""
     lanes, crew, _ = make_crew(world, {}, 0)
     step, states = TimeStep(lanes, crew), [start_states(world, lanes)]
+    claims = step.claims()
     for k in range(round(duration / DT)):
         after = np.empty_like(states[-1])
-        step(states[-1], np.empty((0, 5)), k * DT, DT, after)
+        step(states[-1], np.empty((0, 5)), k * DT, DT, after, claims)
         states.append(after)
     return states
 
@@ -88,6 +89,7 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
     world = make_world(data)
     lanes, crew, _ = make_crew(world, {}, 0)
     step, stops = TimeStep(lanes, crew), 0
+    claims = step.claims()
     for offset in np.random.default_rng(4).uniform(0.0, 30.0, 100):
         crew.programmes[0, 3] = offset
         now = start_states(world, lanes)
@@ -95,7 +97,7 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
         speeds: list[float] = []
         while now["s"][0] + world.actors[0].front < 110.0:
             after = np.empty_like(now)
-            step(now, np.empty((0, 5)), len(places) * DT, DT, after)
+            step(now, np.empty((0, 5)), len(places) * DT, DT, after, claims)
             now = after
             places.append(float(now["s"][0]) + world.actors[0].front)
             speeds.append(float(now["v"][0]))

@@ -6,6 +6,7 @@
     states at t ── step ──► states at t + 20 ms                    step.py (compiled)
         triggers and actions of scenarios                          triggers.py
         objects on lanes, the next one ahead and behind            occupancy.py
+        right of way in junctions                              reservations.py
         acceleration by the law of a behaviour                     laws.py, behaviours/
         pose on a lane                                             motion.py
         pedestrians                                                walkers.py

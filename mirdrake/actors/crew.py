@@ -1,5 +1,6 @@
 """The actors of a world as arrays for the compiled time step."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,9 @@ from mirdrake.actors.behaviours import recorded
 from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
 from mirdrake.actors.behaviours.walk import BEGIN, END, Walk
 from mirdrake.actors.lanes import LaneTable, lane_table
+from mirdrake.actors.laws import sees
 from mirdrake.actors.motion import STATE, set_pose
+from mirdrake.actors.reservations import ComingRow, Driver, MeetingRow, WayRow, Ways
 from mirdrake.actors.step import Crew, Member
 from mirdrake.core.compiled import Records, records
 from mirdrake.core.errors import ConfigError, did_you_mean
@@ -21,6 +24,7 @@ from mirdrake.worlds.actors import FullActor
 from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.networks.ways import Way, meetings
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.recorded import recorded_rows
 from mirdrake.worlds.yield_lines import YieldLine
@@ -30,6 +34,8 @@ _TRIGGERS = {
     "gap_above": triggers.GAP_ABOVE, "speed_below": triggers.SPEED_BELOW, "speed_above": triggers.SPEED_ABOVE,
 }  # fmt: skip
 _GATE = 1.0  # [m] beyond the edges of the road
+_BESIDE = 1.0  # [m] largest distance of a track from a stop line that it passes
+_ALONG = math.radians(30.0)  # largest angle between them
 _FASTEST = 20.0  # [m/s] up to which vehicles before a junction are seen in time
 
 
@@ -44,6 +50,10 @@ class FullVehicle:
     """index of its angular velocity in the state"""
     min_radius: float = 0.0
     """smallest radius of the path of its rear axle [m]"""
+    track: str | None = None
+    """track that its driver follows in traffic, by the right of way of junctions; None: another driver"""
+    law: LaneBehaviour | None = None
+    """law of that driver"""
 
 
 @dataclass(frozen=True)
@@ -87,8 +97,9 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
     owners = [*range(len(world.actors)), *([-1] * len(full)), *(full.get(name, objects[name]) for name in vehicles)]
     steps: list[list[float]] = []
     # Each behaviour has its own number of settings: rows of equal width hold them all.
-    members, numbers, recordings = [], np.zeros((len(actors), NUMBERS)), [np.empty((0, 5))]
-    for row, actor in zip(numbers, actors, strict=True):
+    members, recordings = [], [np.empty((0, 5))]
+    numbers = np.zeros((len(actors) + len(vehicles), NUMBERS))
+    for row, actor in zip(numbers, actors, strict=False):
         behaviour = actor.spec.behaviour
         assert isinstance(behaviour, LaneBehaviour)
         values = (behaviour.braking_limit, *behaviour.numbers())
@@ -110,6 +121,16 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
             radius = vehicles[actor.name].min_radius
             check_path(actor, world, radius)
         members.append(Member(law, actor.spec.speed, radius, first, len(steps)))
+    lane_numbers = {name: number for number, name in enumerate(world.lanes)}
+    # Those that drive by the right of way: actors whose law regards others, and vehicles in traffic.
+    found = world.ways if any(sees(one.law) for one in members) or any(one.track for one in vehicles.values()) else ()
+    ways = way_table(found, world.lanes, lane_numbers)
+    drivers = [Driver(int(len(ways.rows) > 0 and sees(member.law)), 0, 0) for member in members]
+    for row, vehicle in zip(numbers[len(actors) :], vehicles.values(), strict=True):
+        own = [lane_numbers[name] for name in track_lanes(world, vehicle.track)]
+        drivers.append(Driver(int(any(lane in own for lane in ways.rows["lane"])), *_range_of(own)))
+        if vehicle.law is not None:
+            row[: 1 + len(vehicle.law.numbers())] = vehicle.law.braking_limit, *vehicle.law.numbers()
     # Sizes of vehicles as well, since gaps are between outlines.
     shapes = [(actor.front, actor.rear, actor.half_width) for actor in world.actors]
     shapes += [outline_sizes(vehicles[name].volume) for name in full]
@@ -121,12 +142,11 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         np.array(owners, dtype=np.int64),
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
         *stop_lines(world),
-        yield_line_rows(
-            (*world.yield_lines, *world.right_of_way),
-            world.lanes,
-            {name: number for number, name in enumerate(world.lanes)},
-        ),
+        yield_line_rows(world.yield_lines, world.lanes, lane_numbers),
         np.vstack(recordings),
+        records(Driver, drivers),
+        ways,
+        junction_spans(found, lane_numbers),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
 
@@ -170,10 +190,99 @@ def stop_lines(world: World) -> tuple[Array, Array]:
     Lights are numbered in the order of the world, lanes in that of :attr:`World.lanes`.
     """
     numbers = {name: number for number, name in enumerate(world.lanes)}
-    lines = [(numbers[lane], light, s) for light, one in enumerate(world.lights.values()) for lane, s in one.lines]
+    lines = [
+        (numbers[lane], light, s)
+        for light, one in enumerate(world.lights.values())
+        for lane, s in lines_on_tracks(one.lines, world.lanes)
+    ]
     table = np.array(lines, dtype=float).reshape(-1, 3)
     programmes = [(one.green, one.amber, one.red, one.offset) for one in world.lights.values()]
     return table, np.array(programmes, dtype=float).reshape(-1, 4)
+
+
+def lines_on_tracks(lines: Sequence[tuple[str, float]], lanes: Mapping[str, Lane]) -> Iterator[tuple[str, float]]:
+    """Yield stop lines, each a lane and a station [m], and where tracks that are no roads pass them."""
+    followers = [lane for lane in lanes.values() if lane.kind == "line"]
+    for name, s in lines:
+        yield name, s
+        x, y, yaw = lanes[name].pose(s)
+        for lane in followers:
+            station, offset = lane.project(x, y)
+            turn = math.remainder(float(lane.pose(station)[2] - yaw), 2.0 * math.pi)
+            # A line beyond an end is projected onto the end.
+            if lane.id != name and abs(offset) < _BESIDE and abs(turn) < _ALONG and 0.0 < station < lane.length:
+                yield lane.id, float(station)
+
+
+def way_table(ways: Sequence[Way], lanes: Mapping[str, Lane], numbers: Mapping[str, int]) -> Ways:
+    """Return the ways through junctions as arrays.
+
+    Args:
+        ways: the ways.
+        lanes: lanes of the world by id.
+        numbers: their numbers.
+    """
+    # Sorted, so that those of a lane are in a row, in the order in which they are reached.
+    ways = sorted(ways, key=lambda way: (numbers[way.lane], way.s))
+    junctions = {name: number for number, name in enumerate(sorted({way.junction for way in ways}))}
+    pairs = {(pair.way, pair.other): pair for pair in meetings(ways)}
+    met: list[MeetingRow] = []
+    coming: list[ComingRow] = []
+    rows: list[WayRow] = []
+    for number, way in enumerate(ways):
+        first, begin = len(met), len(coming)
+        met += [
+            MeetingRow(
+                pair.other,
+                pair.begin,
+                pair.end,
+                pairs[other, number].begin,
+                pairs[other, number].end,
+                int(pair.yields),
+                pair.gap,
+            )
+            for (own, other), pair in pairs.items()
+            if own == number
+        ]
+        coming += [
+            ComingRow(numbers[name], *zone.span, zone.gap, distance)
+            for zone in way.zones
+            for name, distance in _lanes_to(zone.other, lanes, zone.gap * _FASTEST * zone.yields, way.lanes[0][0])
+        ]
+        rows.append(
+            WayRow(
+                numbers[way.lane],
+                junctions[way.junction],
+                way.s,
+                way.length,
+                int(way.stops),
+                first,
+                len(met),
+                begin,
+                len(coming),
+            )
+        )
+    begins = np.searchsorted([row.lane for row in rows], np.arange(len(lanes) + 1)).astype(np.int64)
+    return Ways(records(WayRow, rows), records(MeetingRow, met), records(ComingRow, coming), begins)
+
+
+def junction_spans(ways: Sequence[Way], numbers: Mapping[str, int]) -> Array:
+    """Return lane, begin and end of the parts of tracks within junctions (k, 3) [m]; lanes of `numbers` only."""
+    rows = [
+        (numbers[way.lane], way.s, way.s + way.length)
+        for way in ways
+        if way.lane in numbers and way.lane != way.lanes[0][0]
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def track_lanes(world: World, track: str | None) -> list[str]:
+    """Return the lanes of a track in its direction."""
+    return [lane.id for lane in world.lanes.values() if lane.road == track and lane.direction > 0]
+
+
+def _range_of(own: Sequence[int]) -> tuple[int, int]:
+    return (min(own), max(own) + 1) if own else (0, 0)
 
 
 def yield_line_rows(lines: Sequence[YieldLine], lanes: Mapping[str, Lane], numbers: Mapping[str, int]) -> Array:
@@ -192,13 +301,13 @@ def yield_line_rows(lines: Sequence[YieldLine], lanes: Mapping[str, Lane], numbe
         for lane, s in one.lines
         if lane in numbers
         for other, begin, end in one.conflicts
-        for before, distance in _ways_to(other, lanes, one.gap * _FASTEST if one.approaches else 0.0, lane)
+        for before, distance in _lanes_to(other, lanes, one.gap * _FASTEST, lane)
         if before in numbers
     ]
     return np.array(rows, dtype=float).reshape(-1, 7)
 
 
-def _ways_to(lane: str, lanes: Mapping[str, Lane], far: float, without: str) -> Iterator[tuple[str, float]]:
+def _lanes_to(lane: str, lanes: Mapping[str, Lane], far: float, without: str) -> Iterator[tuple[str, float]]:
     """Yield a lane and those before it up to a distance [m], each with the distance from its begin to that of the lane.
 
     Args:

@@ -12,7 +12,8 @@ from mirdrake.worlds.pieces import Array
 
 _SPACING = 0.5  # [m] largest distance of nodes
 _PIECE = 16  # nodes of a piece
-_CHOICES = 4  # successors of a lane
+CHOICES = 4
+"""Most successors of a lane in the table."""
 
 
 class LaneRow(NamedTuple):
@@ -31,7 +32,11 @@ class LaneRow(NamedTuple):
     closed: int
     """1: its end is its start"""
     own: int
-    """1: the path of a single actor"""
+    """1: the path of a single actor, or a track that is only a line to follow: other lanes cross it or are below it"""
+    fork: int
+    """lane before it that has several successors; -1: none"""
+    junction: int
+    """1: within a junction"""
     left: int
     """next lane to the left with the same direction; -1: none"""
     right: int
@@ -103,8 +108,8 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
         nodes.append(np.column_stack((x, y, np.unwrap(yaw), lane.curvature_at(s))))
         # Nodes are on the centre line of the lane; its width extends the box to its area.
         margin = float(np.max(lane.width))
-        following = [numbers[name] for name in lane.successors if name in numbers][:_CHOICES]
-        a, b, c, d = [*following, -1, -1, -1, -1][:_CHOICES]
+        following = [numbers[name] for name in lane.successors if name in numbers][:CHOICES]
+        a, b, c, d = [*following, -1, -1, -1, -1][:CHOICES]
         rows.append(
             LaneRow(
                 first=first,
@@ -113,7 +118,9 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
                 step=lane.length / (count - 1),
                 length=lane.length,
                 closed=int(lane.id in lane.successors),  # a lane that is its own successor
-                own=int(lane.kind == "path"),
+                own=int(lane.kind in {"path", "line"}),
+                fork=max((numbers[name] for name in lane.predecessors if _forks(lanes, name)), default=-1),
+                junction=int(lane.junction is not None),
                 left=numbers.get(lane.left or "", -1),
                 right=numbers.get(lane.right or "", -1),
                 successors=(a, b, c, d),
@@ -128,6 +135,10 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     points = np.concatenate(nodes) if nodes else np.empty((0, len(Node._fields)))
     nodes_ = points.view(record_type(Node))[:, 0]
     return LaneTable(records(LaneRow, rows), nodes_, records(Piece, pieces)), numbers
+
+
+def _forks(lanes: Mapping[str, Lane], name: str) -> bool:
+    return name in lanes and len(lanes[name].successors) > 1
 
 
 def _piece(x: Array, y: Array) -> Piece:

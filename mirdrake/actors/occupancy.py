@@ -1,7 +1,7 @@
 """Objects on lanes, and the search for the next one ahead and behind."""
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,17 +48,29 @@ _EVERYWHERE = 1e9  # [m] offset of the sides of an object that counts on the who
 
 
 def fill(
-    t: LaneTable, shape: Array, owners: npt.NDArray[np.int64], now: Records, vehicles: Array, objects: Records
+    t: LaneTable,
+    shape: Array,
+    owners: npt.NDArray[np.int64],
+    obeys: npt.NDArray[np.int64],
+    spans: Array,
+    now: Records,
+    vehicles: Array,
+    objects: Records,
 ) -> int:
     """Write all objects on lanes; return their number.
 
     An actor is on its lane, and during a lane change on both lanes. Vehicles are on every lane that they touch, and so
-    are actors on a path of their own; on such a path are all others that touch it.
+    are actors on a path of their own; on such a path are all others that touch it. Where several lanes begin, an actor
+    on one of them is also on those of the others that it touches.
+
+    The motion across a lane is anticipated, but not within a junction for those that drive by its right of way.
 
     Args:
         t: lanes.
         shape: front, rear [m], half of the width [m] of the actors, then of the vehicles (n + m, 3).
         owners: number as an object of each actor and vehicle (n + m); -1: none, as its body is a vehicle.
+        obeys: 1 for each that drives by the right of way of junctions (n + m).
+        spans: lane, begin and end of the parts of tracks within junctions (k, 3) [m].
         now: states of the actors (n).
         vehicles: x, y, yaw, vx, vy of the vehicles (m, 5) [m, rad, m/s].
         objects: :class:`OnLane`; written.
@@ -92,12 +104,21 @@ def fill(
         reach = half + half_width + ANTICIPATION * math.hypot(vx, vy)
         for lane in range(len(t.lanes)):
             # An actor on a lane does not count on lanes that cross it; a path may cross any lane, and any lane a path.
-            if mine >= 0 and (lane == mine or (t.lanes[mine].own == 0 and t.lanes[lane].own == 0)):
+            if mine >= 0 and not _may_touch(t, mine, lane):
                 continue
             box = t.lanes[lane].box
             if box[0] - reach <= x <= box[2] + reach and box[1] - reach <= y <= box[3] + reach:
-                count = _touch(t, lane, owners[i], x, y, yaw, vx, vy, half, half_width, reach, objects, count)
+                count = _touch(
+                    t, lane, owners[i], x, y, yaw, vx, vy, half, half_width, reach, obeys[i] == 1, spans, objects, count
+                )
     return count
+
+
+def _may_touch(t: LaneTable, mine: int, lane: int) -> bool:
+    """Return whether an actor on a lane is also on another one if it touches that."""
+    if lane == mine or t.lanes[mine].own == 1 or t.lanes[lane].own == 1:
+        return lane != mine
+    return bool(t.lanes[lane].fork >= 0 and t.lanes[lane].fork == t.lanes[mine].fork)
 
 
 def _put(objects: Records, count: int, lane: int, owner: int, middle: float, half: float, speed: float) -> int:
@@ -113,7 +134,7 @@ def _put(objects: Records, count: int, lane: int, owner: int, middle: float, hal
 
 def _touch(
     t: LaneTable, lane: int, owner: int, x: float, y: float, yaw: float, vx: float, vy: float,
-    half: float, half_width: float, reach: float, objects: Records, count: int,
+    half: float, half_width: float, reach: float, obeys: bool, spans: Array, objects: Records, count: int,
 ) -> int:  # fmt: skip
     """Write an object on a lane if the box around it touches the lane, or will soon; return the number of objects.
 
@@ -138,7 +159,10 @@ def _touch(
     along = t.nodes[i].yaw
     cosine, sine = abs(math.cos(yaw - along)), abs(math.sin(yaw - along))
     aside = half * sine + half_width * cosine
-    towards = ANTICIPATION * (vy * math.cos(along) - vx * math.sin(along))  # how far it moves to the left
+    # How far it moves to the left. Who crosses a lane within a junction does so by the right of way, or waits.
+    towards = ANTICIPATION * (vy * math.cos(along) - vx * math.sin(along))
+    if obeys and _in_junction(t, lane, s, spans):
+        towards = 0.0
     # Extended only on the side to which it moves: what leaves the lane frees it only when it has left.
     low, high = offset - aside + min(towards, 0.0), offset + aside + max(towards, 0.0)
     if low > 0.5 * t.lanes[lane].width or high < -0.5 * t.lanes[lane].width or count >= len(objects):
@@ -155,6 +179,14 @@ def _touch(
     one.speed = vx * math.cos(along) + vy * math.sin(along)
     one.low, one.high, one.blocker = low, high, -1
     return count + 1
+
+
+def _in_junction(t: LaneTable, lane: int, s: float, spans: Array) -> bool:
+    """Return whether a station of a lane is within a junction."""
+    for k in range(len(spans)):
+        if int(spans[k, 0]) == lane and spans[k, 1] <= s <= spans[k, 2]:
+            return True
+    return bool(t.lanes[lane].junction == 1)
 
 
 def _is_clear(
@@ -227,12 +259,7 @@ def fill_yield_lines(t: LaneTable, lines: Array, objects: Records, count: int) -
             one = objects[j]
             if one.lane != lane or one.owner == LINE or one.owner == first:
                 continue
-            # From its middle to the conflict; negative until its rear has left it, also across the seam of a ring.
-            left = one.half + _CLEAR
-            rest = place - one.middle
-            if t.lanes[lane].closed == 1:
-                rest = (rest + left) % t.lanes[lane].length - left
-            if rest + size < -left or rest - left > max(one.speed, 0.0) * lines[k, 5]:
+            if not arrives(one, place, size, lines[k, 5], t.lanes[lane].length if t.lanes[lane].closed == 1 else 0.0):
                 continue
             # Nobody waits for itself; two objects close the line for everyone.
             if count < len(objects):
@@ -242,6 +269,24 @@ def fill_yield_lines(t: LaneTable, lines: Array, objects: Records, count: int) -
                 break
             first = one.owner
     return count
+
+
+def arrives(one: Any, place: float, size: float, gap: float, period: float) -> bool:
+    """Return whether an object is at a place of its lane, or arrives there within a time.
+
+    Args:
+        one: the object.
+        place: begin of the place [m].
+        size: its length [m].
+        gap: the time [s].
+        period: length of a closed lane, otherwise 0 [m].
+    """
+    # From its middle to the conflict; negative until its rear has left it, also across the seam of a ring.
+    left = one.half + _CLEAR
+    rest = place - one.middle
+    if period > 0.0:
+        rest = (rest + left) % period - left
+    return bool(rest + size >= -left and rest - left <= max(one.speed, 0.0) * gap)
 
 
 def ahead(
@@ -347,8 +392,11 @@ PARTS = (
     fill,
     fill_lines,
     fill_yield_lines,
+    arrives,
+    _may_touch,
     _put,
     _touch,
+    _in_junction,
     _is_clear,
     ahead,
     behind,

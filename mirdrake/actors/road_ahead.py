@@ -1,17 +1,25 @@
 """The road ahead of a full vehicle: the next object on its lane and the next traffic light."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.actors import lanes, occupancy
-from mirdrake.actors.crew import Bodies, FullVehicle, outline_sizes, yield_line_rows
+from mirdrake.actors.crew import (
+    Bodies,
+    FullVehicle,
+    junction_spans,
+    lines_on_tracks,
+    outline_sizes,
+    yield_line_rows,
+)
 from mirdrake.actors.lanes import LaneTable, lane_table, project
 from mirdrake.actors.motion import STATE
 from mirdrake.actors.occupancy import ahead, fill, fill_yield_lines
-from mirdrake.actors.traffic import PLANAR, actor_signals
+from mirdrake.actors.traffic import LINE_AHEAD, PLANAR, actor_signals
 from mirdrake.core.compiled import compiled
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
@@ -36,6 +44,8 @@ class RoadAhead(LeafSystem):
     Input ports:
         plant_state: state of the plant.
         actor_states (6 n): states of the actors; only in a world with actors.
+        junction_line (1) [m]: station of the line of a junction that the vehicle must not pass; only if it drives by
+            the right of way, see :class:`mirdrake.actors.traffic.Traffic`.
     Output ports:
         road_ahead (4) [m, m/s, m, -]: :data:`ROAD_AHEAD`.
 
@@ -44,11 +54,19 @@ class RoadAhead(LeafSystem):
         track: track that the vehicle follows.
         name: name of the vehicle.
         vehicles: all vehicles by name.
+        obeys: whether each vehicle, then each actor, drives by the right of way (m + n); default: none does.
         state_size: elements of the state of the plant.
     """
 
     def __init__(
-        self, world: World, track: str, name: str, vehicles: Mapping[str, FullVehicle], *, state_size: int
+        self,
+        world: World,
+        track: str,
+        name: str,
+        vehicles: Mapping[str, FullVehicle],
+        *,
+        state_size: int,
+        obeys: Sequence[bool] = (),
     ) -> None:
         super().__init__()
 
@@ -67,8 +85,14 @@ class RoadAhead(LeafSystem):
         shapes = [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
         shapes += [(actor.front, actor.rear, actor.half_width) for actor in world.actors]
         self._shape = np.array(shapes, dtype=float)
+        self._obeys = np.zeros(len(shapes), np.int64)
+        self._obeys[: len(obeys)] = obeys
+        self._spans = junction_spans(world.ways if any(obeys) else (), numbers)
         self._lights = [
-            (light, numbers[lane], s) for light in world.lights.values() for lane, s in light.lines if lane in numbers
+            (light, numbers[lane], s)
+            for light in world.lights.values()
+            for lane, s in lines_on_tracks(light.lines, world.lanes)
+            if lane in numbers
         ]
         self._look: Callable[..., tuple[float, float, int, float, float]] = compiled(
             look_ahead, parts=(*lanes.PARTS, *occupancy.PARTS)
@@ -80,6 +104,10 @@ class RoadAhead(LeafSystem):
             contents = actor_signals([actor.name for actor in world.actors], PLANAR)
             self.actor_states = declare_vector_input(self, "actor_states", contents)
             needs.append(self.actor_states.ticket())
+        self.junction_line = None
+        if self._obeys[self._me]:
+            self.junction_line = declare_vector_input(self, "junction_line", LINE_AHEAD)
+            needs.append(self.junction_line.ticket())
         self.road_ahead = declare_vector_output(self, "road_ahead", ROAD_AHEAD, self._calc, prerequisites=needs)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -89,8 +117,12 @@ class RoadAhead(LeafSystem):
             actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :5]
             objects = np.vstack((objects, actors))
         gap, speed, lane, front, closed = self._look(
-            self._lanes, self._own, self._shape, objects, self._me, self._yield_lines
+            self._lanes, self._own, self._shape, objects, self._me, self._yield_lines, self._obeys, self._spans
         )
+        if self.junction_line is not None:
+            station = float(self.junction_line.Eval(context)[0])
+            # A line that it has passed, by less than it may move in the time of an update, is that in front of it.
+            closed = min(closed, max(station - front, 0.0))
         line, state = self._next_light(lane, front, context.get_time())
         # A closed yield line is like a red light.
         if closed < line or (state == GREEN and closed < math.inf):
@@ -112,7 +144,14 @@ class RoadAhead(LeafSystem):
 
 
 def look_ahead(
-    t: LaneTable, own: int, shape: Array, objects: Array, me: int, yield_lines: Array
+    t: LaneTable,
+    own: int,
+    shape: Array,
+    objects: Array,
+    me: int,
+    yield_lines: Array,
+    obeys: npt.NDArray[np.int64],
+    spans: Array,
 ) -> tuple[float, float, int, float, float]:
     """Return what is ahead of a vehicle.
 
@@ -126,6 +165,8 @@ def look_ahead(
         objects: x, y, yaw, vx, vy of all objects (n, 5) [m, rad, m/s].
         me: number of the vehicle among them.
         yield_lines: yield lines (k, 7).
+        obeys: 1 for each object that drives by the right of way of junctions (n).
+        spans: parts of the lanes within junctions, see :func:`mirdrake.actors.occupancy.fill` (l, 3).
     """
     x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
     front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
@@ -142,7 +183,7 @@ def look_ahead(
         len(objects) * len(t.lanes) + 2 * len(yield_lines), occupancy.OBJECT
     )  # each object can touch every lane once
     # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
-    count = fill(t, shape, np.arange(len(objects)), np.empty(0, STATE), objects, on_lanes)
+    count = fill(t, shape, np.arange(len(objects)), obeys, spans, np.empty(0, STATE), objects, on_lanes)
     gap, speed, _ = ahead(
         t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on_lanes, count
     )

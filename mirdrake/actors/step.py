@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mirdrake.actors import lanes, motion, occupancy, triggers, walkers
+from mirdrake.actors import lanes, motion, occupancy, reservations, triggers, walkers
 from mirdrake.actors import laws as accelerations
 from mirdrake.actors.behaviours import idm_mobil, recorded, walk
 from mirdrake.actors.behaviours.base import LIMIT as BRAKING
@@ -14,9 +14,10 @@ from mirdrake.actors.lanes import LaneTable, project
 from mirdrake.actors.laws import acceleration, at_end, sees, stopping_distance
 from mirdrake.actors.motion import accelerate, approach, lateral, set_pose
 from mirdrake.actors.occupancy import ahead, behind, fill, fill_lines, fill_yield_lines, way_to_end
+from mirdrake.actors.reservations import HELD, Claim, Ways, reserve
 from mirdrake.actors.triggers import act, change_lane, is_due
 from mirdrake.actors.walkers import step_walker
-from mirdrake.core.compiled import Records, compiled
+from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.worlds.pieces import Array
 
 LOOK = 300.0
@@ -47,7 +48,7 @@ class Crew(NamedTuple):
     members: Records
     """:class:`Member` (n)"""
     numbers: Array
-    """parameters of the behaviours (n, 12)"""
+    """parameters of the behaviours of the actors, and of the drivers of the vehicles (n + m, 12)"""
     shape: Array
     """front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m]"""
     owners: npt.NDArray[np.int64]
@@ -62,6 +63,12 @@ class Crew(NamedTuple):
     """yield lines, see :func:`mirdrake.actors.occupancy.fill_yield_lines` (w, 7)"""
     recordings: Array
     """samples of the recorded actors, see :func:`mirdrake.actors.behaviours.recorded.replay_all` (r, 5)"""
+    drivers: Records
+    """:class:`mirdrake.actors.reservations.Driver` of the actors, then of the vehicles (n + m)"""
+    ways: Ways
+    """ways through junctions"""
+    spans: Array
+    """lane, begin and end of the parts of tracks within junctions (k, 3) [m]"""
 
 
 def act_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, time: float, after: Records) -> None:
@@ -91,14 +98,26 @@ def walk_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, dt: float,
             step_walker(t, crew.members, crew.numbers[i], crew.shape, i, now, vehicles, dt, after[i])
 
 
-def move_all(t: LaneTable, crew: Crew, now: Records, dt: float, objects: Records, count: int, after: Records) -> None:
-    """Write the motion of all actors on lanes; arguments as those of :func:`move`."""
+def move_all(
+    t: LaneTable,
+    crew: Crew,
+    now: Records,
+    dt: float,
+    objects: Records,
+    count: int,
+    claims: Records,
+    after: Records,
+) -> None:
+    """Write the motion of all actors on lanes; arguments as those of :func:`move`, and the claims of all."""
     for i in range(len(now)):
         if crew.members[i].law != walk.LAW and crew.members[i].law != recorded.LAW:
-            move(t, crew, i, now[i], dt, objects, count, after[i])
+            line = claims[i].distance if claims[i].closed == 1.0 else math.inf
+            move(t, crew, i, now[i], dt, objects, count, line, after[i])
 
 
-def move(t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records, count: int, row: Any) -> None:
+def move(
+    t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records, count: int, line: float, row: Any
+) -> None:
     """Write the motion of one actor.
 
     Args:
@@ -109,6 +128,7 @@ def move(t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records
         dt: time step [s].
         objects: objects on lanes, see :class:`mirdrake.actors.occupancy.OnLane`.
         count: their number.
+        line: distance to the line of a junction that it must not pass [m]; infinite: none.
         row: its next state, with the actions that begin now; written.
     """
     law, numbers, speed, lane = crew.members[i].law, crew.numbers[i], now.v, int(row.lane)
@@ -129,6 +149,8 @@ def move(t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records
         )  # fmt: skip
         if gap_old < gap:
             gap, other = gap_old, other_old
+    if line < gap:
+        gap, other = line, 0.0
     row.gap = gap
 
     # Speed and distance: a change of speed by a scenario, or the law of the behaviour.
@@ -363,14 +385,21 @@ class TimeStep:
 
     def __init__(self, t: LaneTable, crew: Crew) -> None:
         self._t, self._crew = t, crew
-        # Room for all that can occur: two lanes per actor, all paths under each actor, all lanes under each actor on a
-        # path and under each vehicle, and the stop lines.
+        # Room for all that can occur: two lanes per actor, all paths under each actor and the lanes that begin with
+        # its lane, all lanes under each actor on a path and under each vehicle, and the stop lines.
         paths, n = int(t.lanes["own"].sum()), len(crew.members)
-        most = n * (2 + paths) + (paths + len(crew.shape) - n) * len(t.lanes) + len(crew.stops)
+        forks = int((t.lanes["fork"] >= 0).any()) * lanes.CHOICES
+        on_paths = n if paths else 0
+        most = n * (2 + paths + forks) + (on_paths + len(crew.shape) - n) * len(t.lanes) + len(crew.stops)
         self._objects = np.empty(most + 2 * len(crew.yield_lines), occupancy.OBJECT)  # scratch of a time step
         laws = set(crew.members["law"].tolist())
         common = (*lanes.PARTS, *motion.PARTS, *occupancy.PARTS)
         on_lanes = (move, enter_next_lanes, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
+        # The vehicle of an actor drives as the actor does.
+        obeys = crew.drivers["obeys"]
+        self._obeys = np.where(crew.owners >= 0, obeys[crew.owners], 0)
+        reserving = (*common, *accelerations.PARTS, *reservations.PARTS)
+        self._reserve = compiled(reserve, parts=reserving) if obeys.any() else None
         self._fill = compiled(fill, parts=common)
         self._fill_lines = compiled(fill_lines, parts=common) if len(crew.stops) else None
         self._yield = compiled(fill_yield_lines, parts=common) if len(crew.yield_lines) else None
@@ -380,7 +409,12 @@ class TimeStep:
         self._walk = compiled(walk_all, parts=(*common, *walkers.PARTS)) if walk.LAW in laws else None
         self._replay = compiled(recorded.replay_all, parts=recorded.PARTS) if recorded.LAW in laws else None
 
-    def __call__(self, now: Records, vehicles: Array, time: float, dt: float, after: Records) -> None:
+    def claims(self) -> Records:
+        """Return the claims at the start: none (n + m)."""
+        start = Claim(-1.0, math.inf, math.inf, 0.0, (-1.0,) * HELD)
+        return records(Claim, [start] * len(self._crew.drivers))
+
+    def __call__(self, now: Records, vehicles: Array, time: float, dt: float, after: Records, claims: Records) -> None:
         """Write the states of all actors after a time step.
 
         Args:
@@ -389,13 +423,19 @@ class TimeStep:
             time: time of `now` since the start [s].
             dt: time step [s].
             after: states after the step (n); written.
+            claims: see :meth:`claims`; changed.
         """
         t, crew, objects = self._t, self._crew, self._objects
-        count = self._fill(t, crew.shape, crew.owners, now, vehicles, objects)
+        known = count = self._fill(t, crew.shape, crew.owners, self._obeys, crew.spans, now, vehicles, objects)
         if self._fill_lines is not None:
             count = self._fill_lines(crew.stops, crew.programmes, time, objects, count)
         if self._yield is not None:
             count = self._yield(t, crew.yield_lines, objects, count)
+
+        if self._reserve is not None:
+            self._reserve(
+                t, crew.ways, crew.drivers, crew.numbers, crew.shape, now, vehicles, time, objects, known, count, claims
+            )
 
         # Actions first: a step that fires now already acts on the motion of this time step. Lane changes before
         # motions, because they decide on which lane an actor then looks ahead.
@@ -405,7 +445,7 @@ class TimeStep:
         if self._change_lanes is not None:
             self._change_lanes(t, crew, now, time, dt, objects, count, after)
         if self._move is not None:
-            self._move(t, crew, now, dt, objects, count, after)
+            self._move(t, crew, now, dt, objects, count, claims, after)
         if self._walk is not None:
             self._walk(t, crew, now, vehicles, dt, after)
         if self._replay is not None:

@@ -13,6 +13,7 @@ from mirdrake.actors import lanes, motion
 from mirdrake.actors.behaviours import recorded
 from mirdrake.actors.crew import FullVehicle, make_crew, start_states
 from mirdrake.actors.motion import STATE
+from mirdrake.actors.reservations import CLAIM
 from mirdrake.actors.step import TimeStep, enter_next_lanes, go_on
 from mirdrake.core.compiled import Records, compiled
 from mirdrake.core.leaf_system import LeafSystem
@@ -32,6 +33,9 @@ RECORDED = (
     ("lane", ""), ("gap", "m"), ("braking_limit", ""),
 )  # fmt: skip
 """Signals of an actor that a run records."""
+
+LINE_AHEAD = signals(("station", "m"))
+"""Station of the line of a junction, see :class:`Traffic`."""
 
 PREVIEW = 0.3
 """Time by which the driver of a full vehicle looks ahead for bends [s]."""
@@ -65,6 +69,8 @@ class Traffic(LeafSystem):
         poses: FramePoseVector of the frames A.
         desired (6 k): x, y, yaw of all solid actors after the next step of the plant, then their rates now.
         motion_<name> (7): :data:`MOTION` of each actor that is a full vehicle.
+        line_<name> (1) [m]: of each vehicle that drives by the right of way: station of the line of a junction that it
+            must not pass, on its track; infinite: none.
 
     Args:
         world: the world.
@@ -77,6 +83,8 @@ class Traffic(LeafSystem):
     Attributes:
         names: names of the actors in their order, without the full vehicles.
         motions: ports of the motions of the full vehicles by name.
+        obeys: whether each actor and vehicle drives by the right of way of junctions, by name.
+        lines: ports of the lines of junctions by the names of the vehicles.
 
     Raises:
         ConfigError: a trigger refers to a vehicle or actor that does not exist.
@@ -103,10 +111,11 @@ class Traffic(LeafSystem):
         self._record = compiled(write_recorded, parts=_PARTS)
         start = start_states(world, self._lanes)
         self._all = len(start)
-        numbers = start.view(float)
+        numbers, claims = start.view(float), self._step.claims()
+        self._ways, self._claims = crew.ways, claims.view(float).size
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
         # The first update is at t = -PERIOD, formally: until the one at t = 0, outputs are those of the end, the start.
-        self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], numbers, numbers)))
+        self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], claims.view(float), numbers, numbers)))
         # Without a ticket of the input: outputs depend on the state only, so that there is no algebraic loop.
         needs = [self.time_ticket(), self.discrete_state_ticket(self._state)]
         self.states = declare_vector_output(
@@ -137,12 +146,32 @@ class Traffic(LeafSystem):
             )
             for number, actor in enumerate(world.full_actors, start=len(self.names))
         }
+        # An actor that is a full vehicle occurs twice; its behaviour drives it.
+        obeys = [bool(one) for one in crew.drivers["obeys"]]
+        self.obeys = dict(zip(vehicles, obeys[self._all :], strict=True))
+        self.obeys |= {actor.name: one for actor, one in zip(world.moving, obeys, strict=False)}
+        self.lines = {
+            name: declare_vector_output(
+                self,
+                f"line_{name}",
+                LINE_AHEAD,
+                lambda context, output, number=number: self._calc_line(context, output, number),
+                prerequisites=needs,
+            )
+            for number, name in enumerate(vehicles, start=self._all)
+            if obeys[number]
+        }
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
 
     def _rows(self, context: Context) -> tuple[float, Records, Records]:
         """Return the time of the last update [s], and the states then and 20 ms later (n)."""
         values = context.get_discrete_state(self._state).value()
-        return float(values[0]), *values[1:].view(STATE).reshape(2, self._all)
+        return float(values[0]), *values[1 + self._claims :].view(STATE).reshape(2, self._all)
+
+    def _claims_of(self, context: Context) -> Records:
+        """Return the claims at the last update (n + m)."""
+        values = context.get_discrete_state(self._state).value()
+        return np.asarray(values[1 : 1 + self._claims].view(CLAIM))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         _, _, now = self._rows(context)
@@ -151,11 +180,12 @@ class Traffic(LeafSystem):
         after = np.empty_like(now)
         time = context.get_time()
         # The last prediction becomes the present state; only the state 20 ms later is computed.
-        self._step(now, vehicles, time, PERIOD, after)
+        claims = self._claims_of(context).copy()
+        self._step(now, vehicles, time, PERIOD, after, claims)
         if self._solid.size:
             # A joint must not turn around where the yaw of a lane begins again.
             after["yaw"] -= 2.0 * np.pi * np.round((after["yaw"] - now["yaw"]) / (2.0 * np.pi))
-        state.set_value(self._state, np.concatenate(([time], now.view(float), after.view(float))))
+        state.set_value(self._state, np.concatenate(([time], claims.view(float), now.view(float), after.view(float))))
 
     def _planar(self, context: Context, share: float | None = None) -> Array:
         """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""
@@ -198,6 +228,10 @@ class Traffic(LeafSystem):
             here = self._go_on(self._lanes, after, (u - 1.0) * PERIOD * speed)
             ahead = self._go_on(self._lanes, after, PREVIEW * speed)
         output.SetFromVector([*place, speed, acceleration, here, ahead])
+
+    def _calc_line(self, context: Context, output: BasicVector, number: int) -> None:
+        claim = self._claims_of(context)[number]
+        output.SetFromVector([self._ways.rows["s"][int(claim["way"])] if claim["closed"] == 1.0 else math.inf])
 
     def _calc_poses(self, context: Context, value: AbstractValue) -> None:
         always = None if self._is_continuous else 0.0

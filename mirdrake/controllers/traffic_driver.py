@@ -28,7 +28,7 @@ _UNDECIDED, _STOPS, _GOES = 0.0, 1.0, 2.0
 
 
 class TrafficDriver(PathTracker):
-    """A driver that follows a track behind others, and stops at red lights.
+    """A driver that follows a track behind others, stops at red lights, and obeys the right of way of junctions.
 
     Ports as in :class:`PathTracker`, and:
 
@@ -78,13 +78,15 @@ class TrafficDriver(PathTracker):
 
 
 class TrafficDriverSpec(PathTrackingSpec):
-    """Follow a track behind others, and stop at red lights."""
+    """Follow a track behind others, stop at red lights, and obey the right of way of junctions."""
 
     kind: Literal["traffic"] = Field(description="follow a track in traffic [-]")  # type: ignore[assignment]
     headway: Duration = Field(default=1.5, ge=0.0, le=10.0, description="time headway [s]")
     standstill: Length = Field(default=2.0, gt=0.0, le=50.0, description="gap at standstill [m]")
     braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
-    obeys_lights: bool = Field(default=True, description="stop at red lights [-]")
+    obeys_lights: bool = Field(
+        default=True, description="stop at red lights, yield lines and junctions without the right of way [-]"
+    )
     line_distance: Length = Field(default=1.0, ge=0.0, le=20.0, description="distance of a stop before the line [m]")
     sight: Length = Field(default=150.0, gt=0.0, le=1000.0, description="distance at which lights are regarded [m]")
     reaction: Reaction = 0.3
@@ -97,6 +99,7 @@ class TrafficDriverSpec(PathTrackingSpec):
             deceleration=self.deceleration,
             headway=self.headway,
             standstill=self.standstill,
+            braking_limit=self.braking_limit,
         )
 
     def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:

@@ -5,6 +5,7 @@ the right, as seen by their traffic: ``main.1``, ``main.2``; oncoming ones are `
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,9 @@ def lanes_of_world(
     """Return the lanes of all tracks, then those for motor vehicles of the network, by id."""
     lanes: dict[str, Lane] = {}
     for name, track in tracks.items():
-        lanes |= lanes_of_track(name, track, count=specs[name].lanes, oncoming=specs[name].oncoming)
+        own = lanes_of_track(name, track, count=specs[name].lanes, oncoming=specs[name].oncoming)
+        # A line to follow on other roads is no road: who is on those is on the line as well.
+        lanes |= own if specs[name].road else {key: replace(lane, kind="line") for key, lane in own.items()}
     return lanes | ({} if network is None else {lane.id: lane for lane in network.driving()})
 
 

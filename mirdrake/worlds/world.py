@@ -19,13 +19,14 @@ from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.networks.paving import paved_areas
+from mirdrake.worlds.networks.ways import Way, find_ways
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import TrackSpec, WorldSpec
 from mirdrake.worlds.track_lanes import lanes_of_world
 from mirdrake.worlds.tracks import Track
-from mirdrake.worlds.yield_lines import YieldLine, make_yield_lines, right_of_way_lines
+from mirdrake.worlds.yield_lines import YieldLine, make_yield_lines
 
 if TYPE_CHECKING:
     from mirdrake.worlds.rules import Rules
@@ -179,11 +180,9 @@ class World:
         return (*self.actors, *self.full_actors)
 
     @cached_property
-    def right_of_way(self) -> tuple[YieldLine, ...]:
-        """Yield lines of the junctions of the network; none without actors on it."""
-        if self.network is None or not {actor.lane for actor in self.moving} & {*self.network.lanes}:
-            return ()
-        return right_of_way_lines(self.network)
+    def ways(self) -> tuple[Way, ...]:
+        """Ways through the junctions of the network, also those of tracks along its lanes; none without a network."""
+        return () if self.network is None else find_ways(self.network, self.lanes)
 
     @cached_property
     def road_mu(self) -> float:

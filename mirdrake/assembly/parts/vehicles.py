@@ -91,7 +91,7 @@ def add_vehicle_systems(
     if driver.HasInputPort("ranges"):
         _add_range_scan(wiring, parts, part, truth)
     if driver.HasInputPort("road_ahead") and track is not None:
-        add_road_ahead(wiring, parts, name, track)
+        add_road_ahead(wiring, parts, spec, name, track)
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)

@@ -53,7 +53,8 @@ class Lane:
     speed_limit: float | None = None
     """[m/s]"""
     kind: str = "driving"
-    """driving, biking, sidewalk, shoulder, parking, ...: the lane types of OpenDRIVE"""
+    """driving, biking, sidewalk, shoulder, parking, ...: the lane types of OpenDRIVE; path: of an actor;
+    line: of a track that is not a road"""
     junction: str | None = None
     """junction that the lane is a part of"""
     road: str = ""

@@ -48,7 +48,7 @@ def decide(network: Network, root: Element | None = None) -> tuple[dict[str, Jun
     for lane in network.driving():
         if lane.junction is not None:
             inner.setdefault(lane.junction, []).append(lane.id)
-    controls = _controls(network)
+    controls = controls_of(network)
     approaches = {name: _approach(network.lanes, name, controls) for lanes in inner.values() for name in lanes}
     junctions = {
         id_: Junction(id_, names.get(id_, ""), tuple(lanes), _rule([approaches[name] for name in lanes], id_, stated))
@@ -77,8 +77,8 @@ def _stated(root: Element | None) -> dict[str, set[tuple[str, str]]]:
     return rows
 
 
-def _controls(network: Network) -> dict[str, Control]:
-    """Return the strongest control of each lane with a stop line."""
+def controls_of(network: Network) -> dict[str, Control]:
+    """Return the strongest control of each lane with a stop line: lights, stop or yield."""
     order: tuple[Control, ...] = ("none", "yield", "stop", "lights")
     controls: dict[str, Control] = {}
     for line in network.stop_lines:
@@ -99,15 +99,24 @@ def _approach(lanes: Mapping[str, Lane], name: str, controls: Mapping[str, Contr
             break
         back += first.length if first.junction is None else 0.0
         control = controls.get(first.id, "none")
-    begin = lane
-    while len(begin.predecessors) == 1 and lanes[begin.predecessors[0]].junction == lane.junction:
-        begin = lanes[begin.predecessors[0]]
+    begin = lanes[entry_of(lanes, name)]
     while len(last.successors) == 1 and lanes[last.successors[0]].junction == lane.junction:
         last = lanes[last.successors[0]]
     # Lanes with a common entry belong to one approach, whose vehicles do not meet each other.
     entry = begin.predecessors[0] if begin.predecessors else begin.id
     turn = math.remainder(float(last.yaw[-1] - begin.yaw[0]), 2.0 * math.pi)
     return _Approach(control, float(begin.yaw[0]), turn, entry)
+
+
+def entry_of(lanes: Mapping[str, Lane], name: str) -> str:
+    """Return the first lane of a junction on the only way to one of its lanes; a lane without junction is its own."""
+    junction = lanes[name].junction
+    for _ in lanes:  # a ring within a junction has no first lane
+        ways = lanes[name].predecessors
+        if junction is None or len(ways) != 1 or lanes[ways[0]].junction != junction:
+            break
+        name = ways[0]
+    return name
 
 
 def _rule(approaches: Iterable[_Approach], id_: str, stated: Mapping[str, set[tuple[str, str]]]) -> Rule:
