@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mirdrake.report.map_labels import Labels
 from mirdrake.report.map_sheet import Array, Box, Palette, Sheet, line_tag, shape_tag
 from mirdrake.report.svg import SCALE_STEPS
-from mirdrake.report.world_map import Layer
+from mirdrake.report.world_map import Layer, scale_bar_box
 from mirdrake.worlds import World
 
 _ARROW_DISTANCE = 100.0  # [px] from one arrow head to the next
@@ -179,6 +179,7 @@ def marks(lines: Sequence[DrivenLine], places: Sequence[Place]) -> Layer:
 
     def draw(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         labels = Labels(sheet, paper=palette.paper)
+        labels.block(scale_bar_box(sheet))
         edge = f'fill="{palette.paper}" stroke="{palette.ink}" stroke-width="1.6"'
         wanted: list[tuple[int, Box, str, int]] = []
         for line in lines:
@@ -234,6 +235,7 @@ def vehicles(outlines: Sequence[VehicleOutline], line: Array) -> Layer:
 
     def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         labels = Labels(sheet, paper=palette.paper)
+        labels.block(scale_bar_box(sheet))
         if len(line):
             labels.avoid_line(sheet.place(line), _BESIDE)
         boxes: list[Box] = []

@@ -18,7 +18,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.report.map_sheet import Palette, Sheet, friction_label, line_tag, shape_tag, text_tag
+from mirdrake.report.map_sheet import Box, Palette, Sheet, friction_label, line_tag, shape_tag, text_tag
 from mirdrake.worlds import PlacedProp, World
 from mirdrake.worlds.drawing import DrawnArea, DrawnLine, make_drawing
 
@@ -221,6 +221,11 @@ def starts(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         title = f"start {name} at ({start.x:.2f}, {start.y:.2f}) m, {math.degrees(start.yaw):.1f}°"
         data = "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in points) + "Z"
         yield shape_tag(data, palette.start, stroke=palette.paper, title=title, kind="start")
+
+
+def scale_bar_box(sheet: Sheet) -> Box:
+    """Return the part of the picture in which the scale bar is [px]."""
+    return sheet.left, sheet.bottom - 34.0, sheet.left + 28.0 + sheet.width / 6.0, sheet.bottom
 
 
 def scale_bar(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
