@@ -26,8 +26,8 @@ from mirdrake.core.yaml_io import read_tree
 from mirdrake.runs.simulation import Simulation
 
 DURATION = 10.0  # [s] of a drive
-ROWS, COLUMNS = 16, 900
-LIDAR = {"kind": "lidar", "rows": ROWS, "columns": COLUMNS, "rate": 10.0, "near": 0.2, "far": 100.0, "noise": 0.0}
+COLUMNS = 900  # of 16 planes, over 30 degrees of elevation
+LIDAR = {"preset": "velodyne_vlp16", "columns": COLUMNS, "rate": 10.0, "noise": 0.0}
 
 
 def crowd() -> list[dict[str, Any]]:
