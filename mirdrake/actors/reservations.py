@@ -1,22 +1,22 @@
-"""Right of way in junctions: who has reserved its way through a junction passes it, everybody else waits at the line.
+"""Right of way in junctions: vehicles reserve their ways through a junction, and wait at the line until they have them.
 
-The law for all that drive by it, actors and full vehicles with the driver ``traffic``:
+One law for actors on lanes and for full vehicles with the driver ``traffic``:
 
-1. A way through a junction is reserved as a whole, before the line: nobody waits within a junction for another one.
+1. A way through a junction is reserved as a whole, before the line: no vehicle waits within a junction for another one.
    Ways that follow each other with no room between them, as in a roundabout, are reserved together. Two ways that
-   conflict are not reserved at the same time, except where the first one has left the place of conflict.
-2. One requests its way at the distance at which it would begin to brake for the line. It is the first before the line,
-   its light is not red, and there is room for it behind the junction. At a stop sign it has stopped at the line.
-3. The requests have a total order: those with priority come before those that yield to them; apart from that, first
+   conflict are not reserved at the same time, except where the first vehicle has left the place of conflict.
+2. A vehicle requests its way at the distance at which it would begin to brake for the line. It is the first before the
+   line, its light is not red, and there is room for it behind the junction. At a stop sign it has stopped at the line.
+3. Requests have a total order: vehicles with priority come before those that yield to them; apart from that, first
    come, first served; at the same time, in the order of the names. Of vehicles that wait for one another in a circle,
    the one that came first is the first.
 4. In this order, a request is granted if its way conflicts with no reserved one and with none of an earlier request,
-   and if nobody else with priority arrives within the critical gap.
+   and if no other vehicle with priority arrives within the critical gap.
 
-The first request in the order waits only for those that have reserved their ways, and these wait for nobody: they
-pass, so that everybody passes after finitely many others. First come, first served is the rule of reservations of
-K. Dresner and P. Stone, "A multiagent approach to autonomous intersection management", JAIR 31, 2008, which has the
-all-way stop as the case in which vehicles request after a stop; priorities are those of the network.
+The first request in the order waits only for vehicles that have reserved their ways, and these wait for none: they
+pass, so that each vehicle passes after finitely many others. First come, first served is the rule of reservations of
+K. Dresner and P. Stone, "A multiagent approach to autonomous intersection management", JAIR 31, 2008. Their all-way stop
+is the case in which vehicles request after a stop. The priorities are those of the network.
 """
 
 import math
@@ -551,7 +551,7 @@ def must_yield(
         claims: claims of all.
     """
     row = ways.rows[way]
-    # Those that drive by the right of way to the same junction, and come to the place of conflict within the gap.
+    # Vehicles that drive by the right of way to the same junction, and come to the place of conflict within the gap.
     for j in range(len(claims)):
         if j == i or lanes[j] < 0 or kinds[j] >= 2 or not in_junction(ways, claims[j].way, row.junction):
             continue
