@@ -15,8 +15,8 @@ One law for actors on lanes and for full vehicles with the driver ``traffic``:
 
 The first request in the order waits only for vehicles that have reserved their ways, and these wait for none: they
 pass, so that each vehicle passes after finitely many others. First come, first served is the rule of reservations of
-K. Dresner and P. Stone, "A multiagent approach to autonomous intersection management", JAIR 31, 2008. Their all-way stop
-is the case in which vehicles request after a stop. The priorities are those of the network.
+K. Dresner and P. Stone, "A multiagent approach to autonomous intersection management", JAIR 31, 2008. Their all-way
+stop is the case in which vehicles request after a stop. The priorities are those of the network.
 """
 
 import math
