@@ -20,11 +20,12 @@ from mirdrake.identification.data import make_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.output_error import between_structures
 from mirdrake.identification.estimators.problem import Problem
-from mirdrake.identification.estimators.structure import predicts_better, rivals_of
+from mirdrake.identification.estimators.structure import _is_excused, predicts_better, rivals_of
 from mirdrake.identification.fit import ChannelFit
 from mirdrake.identification.identifiability import CALIBRATION, Uncertainty, combinations, judge
 from mirdrake.identification.identify import identify
 from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.models.single_track_parameters import single_track_parameters
 from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
 from mirdrake.identification.plausibility import check_step
 from mirdrake.identification.study import embedded_data, load_identification
@@ -100,7 +101,13 @@ def test_variation_between_logs_is_their_variance_less_that_of_the_noise():
 
     def between(shift, noise):
         parts = [
-            Part(np.array([[information]]), np.array([sign * information * shift]), np.array([[noise]]), 0.0)
+            Part(
+                np.array([[information]]),
+                np.array([sign * information * shift]),
+                np.array([[noise]]),
+                np.zeros((0, 1, 1)),
+                np.zeros((0, 1)),
+            )
             for sign in (-1.0, 1.0)
         ]
         return float(variation(parts, weak)[0])
@@ -243,3 +250,20 @@ def test_a_noisy_accelerometer_is_not_the_headline_of_a_report():
     missed = ChannelFit("log", "train", "yaw_rate", "rad/s", 88.0, 99.0, 0.01)
     assert worst_fit([noisy, missed]) is missed
     assert worst_fit([missed, noisy]) is missed
+
+
+@pytest.mark.parametrize(("wheelbase", "deviation"), [(2.7, 0.3), (None, (0.3**2 + 1.0**2) ** 0.5)])
+def test_the_prior_of_the_yaw_inertia_includes_the_square_of_an_assumed_wheelbase(wheelbase, deviation):
+    parameters = single_track_parameters(
+        {}, wheelbase, "steering_command", outputs=("yaw_rate",), tyres="linear", roll=False, relaxation=(),
+        compliant=False, damper_lag=False,
+    )  # fmt: skip
+    usual = {parameter.name: parameter.usual for parameter in parameters}
+    assert usual["yaw_inertia"] == pytest.approx(deviation)
+
+
+def test_an_effect_may_not_move_a_value_further_out_of_range_than_the_plain_model():
+    assert _is_excused({}, {})
+    assert _is_excused({"steering_delay": 0.4}, {"steering_delay": 0.5})
+    assert not _is_excused({"steering_delay": 0.6}, {"steering_delay": 0.5})
+    assert not _is_excused({"relaxation": 0.0}, {"steering_delay": 0.5})

@@ -1,13 +1,21 @@
 """Delays of one recorder in all of its drives, sensors on a body that rolls, and channels of a slower source."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
 from mirdrake.identification import DataSet, Log, check_data
-from mirdrake.identification.lateral_delays import estimate_lateral_delays
+from mirdrake.identification.lateral_delays import (
+    NO_DELAY,
+    Hypothesis,
+    LateralDelays,
+    _explains,
+    estimate_lateral_delays,
+)
 from mirdrake.identification.relations import make_grid
 from mirdrake.identification.splines import Spline
 from mirdrake.identification.timing import hold_factor
@@ -53,6 +61,25 @@ def test_a_drive_without_excitation_is_shifted_like_the_others_of_its_recorder()
     for before, after in zip(logs, report.data.logs, strict=True):
         assert np.array_equal(before.channels["yaw_rate"], after.channels["yaw_rate"])
         assert not np.array_equal(before.channels["vy"], after.channels["vy"])
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06])
+def test_without_vy_the_lateral_acceleration_is_as_late_as_the_gyro_of_its_unit(late):
+    """The angle of a second source shows the delay of the yaw rate; nothing shows that of the acceleration."""
+    log = drive(15, late={"yaw_rate": late, "lateral_acceleration": late})
+    turn = drive(15, noise=0.0).channels["yaw_rate"]
+    channels = {name: log.channels[name] for name in ("vx", "yaw_rate", "lateral_acceleration")}
+    report = checked(replace(log, channels={**channels, "yaw": (np.cumsum(turn) - 0.5 * turn) * STEP}))
+    assert not report.of("delay", "yaw")
+    found = [finding.value for finding in report.of("delay", "lateral_acceleration")]
+    assert found == ([pytest.approx(late, abs=0.005)] if late else [])
+
+
+def test_a_delay_that_cannot_be_compared_with_none_has_no_evidence():
+    late = LateralDelays(0.0, 0.02, (0.0, 0.001), 0.0, 0.1, 0.99, False, 0.1, 0.01, 50.0, 200.0)
+    for plain, expected in ((None, False), (late._replace(residual=0.02), True), (late, False)):
+        logs: Any = SimpleNamespace(widths=(0.1,), estimate=lambda _, free, p=plain: p if free == NO_DELAY else late)
+        assert _explains(Hypothesis(velocity=True), logs) == expected
 
 
 def test_two_drives_reduce_the_uncertainty():

@@ -149,6 +149,7 @@ def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
         "steering_lag": Setting(free=True),
         "load_transfer": Setting(fixed=0.0),
         "accelerometer_ahead": Setting(free=False),
+        "accelerometer_delay": Setting(fixed=0.0),
         "front_drive": Setting(fixed=0.5),
         "front_brake": Setting(fixed=0.6),
     }

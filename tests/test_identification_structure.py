@@ -1,5 +1,6 @@
 """Choice of the model structure where a study leaves it open: tyre relaxation, by drives with and without it."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -63,6 +64,24 @@ def test_relaxation_is_fitted_where_the_logs_support_it(length):
         parameter = result["relaxation"]
         assert parameter.sigma < 0.1 * CALIBRATION * length
         assert abs(parameter.value - length) < 1.5 * 1.96 * parameter.sigma
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.015])
+def test_a_delay_of_the_accelerometer_is_fitted_where_the_logs_support_it(delay):
+    """Without vy no kinematic relation shows it; the dynamics of the vehicle do."""
+    (log,) = lateral_data().logs
+    moved = np.interp(log.time - delay, log.time, log.channels["lateral_acceleration"])
+    data = DataSet((replace(log, channels={**log.channels, "lateral_acceleration": moved}),), wheelbase=FRONT + REAR)
+    spec = ModelSpec("single_track", {"roll": False, "tyres": "linear", "relaxation": False})
+    known = CAR | {"steering_lag": Setting(free=True)}
+    structure = choose_structure(data, spec, known, EstimatorOptions())
+    assert ("accelerometer_delay" in structure.settings) == (delay > 0.0)
+    result: Any = fit(data, structure.model, parameters=structure.settings, start=structure.start)
+    late = result["accelerometer_delay"]
+    assert late.value == pytest.approx(delay, abs=1.96 * (late.sigma or 0.0))
+    assert late.value >= 0.8 * delay
+    for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
+        assert result[name].low < TRUTH[name] < result[name].high, name
 
 
 def test_a_fit_without_relaxation_names_it_as_an_assumption():

@@ -27,6 +27,9 @@ SIGNIFICANT = 5.0
 CONTRADICTS = 0.04
 """Least difference between the delays of a single log and of all logs that counts as a contradiction [s]."""
 
+INERTIAL_UNIT = ("yaw_rate", "roll_rate", "lateral_acceleration", "longitudinal_acceleration")
+"""Channels of an inertial measurement unit: one source where the logs do not show otherwise."""
+
 Pairs = list[tuple[Relation, Delay]]
 
 
@@ -195,6 +198,10 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         delays["y"] = delays["x"]
     of_source = _delays_of_sources(delays, evidence.sources, pairs, threshold)
     delays |= of_source
+    # Without vy nothing shows the delay of the lateral acceleration: it is that of the unit that contains the gyro.
+    present = set(INERTIAL_UNIT) & {name for grid in evidence.grids for name in grid.channels}
+    of_unit = {} if evidence.lateral else _delays_of_sources(delays, [present], pairs, threshold)
+    delays |= of_unit
     shifts = {name: value for name, value in delays.items() if abs(value) > threshold}
 
     def shifted(names: Collection[str]) -> Statement | None:
@@ -207,9 +214,10 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
     # Without vy, ay leads vx r by the change of vy: such pairs have a delay even with one clock.
     findings = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
     findings += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
-    for name, value in of_source.items():
-        text = statement("common_source", channel=name, delay=value)
-        findings.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
+    for code, values in (("common_source", of_source), ("common_unit", of_unit)):
+        for name, value in values.items():
+            text = statement(code, channel=name, delay=value)
+            findings.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
     return shifts, findings + _lateral_findings(evidence, of_source, shifts, shifted)
 
 

@@ -145,7 +145,8 @@ def _judge(
     depends_on: Assumption | None = None
     inseparable: list[str] = []
     remedy = ""
-    if by_assumptions > max(noise, between, structures) and span > DOUBTFUL:
+    # A wrong assumption may be what logs and channels differ by, so that a larger difference does not hide it.
+    if by_assumptions > max(noise, structures) and span > DOUBTFUL:
         depends_on = max(shifts, key=lambda shift: shift[0])[1]
     if verdict != "identified":
         ranked = sorted(zip(np.abs(uncertainty.correlation[i]), names, strict=True), reverse=True)

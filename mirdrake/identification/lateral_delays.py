@@ -162,10 +162,8 @@ def _explains(hypothesis: Hypothesis, logs: "_LogSet") -> bool:
     """
     for width in logs.widths:
         late, plain = logs.estimate(width, hypothesis), logs.estimate(width, NO_DELAY)
-        if late is None or late.correlation < MIN_CORRELATION:
+        if late is None or plain is None or late.correlation < MIN_CORRELATION:
             continue
-        if plain is None:
-            return True
         gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
         if is_certain(gain, late.effective, DELAY_ODDS):
             return True

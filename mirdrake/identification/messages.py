@@ -35,10 +35,10 @@ def explanation(judgement: Judgement) -> str:
     else:
         text = f"known to {width}"
         text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
-    # The largest source of uncertainty is named, and only it, if it matters.
+    # The largest source of uncertainty is named if it matters, and an assumption that may be its cause.
     others = max(judgement.noise, judgement.by_assumptions, NOTABLE)
     if judgement.between > max(others, judgement.structures):
-        text += f"; the logs differ by {_width(parameter, judgement.between)}: the model lacks an effect"
+        text += f"; the logs or channels differ by {_width(parameter, judgement.between)}: the model lacks an effect"
     elif judgement.structures > others:
         text += f"; models that predict as well differ by {_width(parameter, judgement.structures)}"
     if judgement.depends_on is not None:

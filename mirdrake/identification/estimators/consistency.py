@@ -13,6 +13,8 @@ By noise alone Q is χ² with K - 1 degrees of freedom and half of all τ² are 
 
 τ is not divided by the number of logs, as the next manoeuvre differs again: an identified value is one that a further
 manoeuvre would confirm. Validation logs count as well: the fit has not seen them.
+
+A wrong model also fits each output with other parameters. Outputs in place of logs give the same standard deviation.
 """
 
 from collections.abc import Sequence
@@ -40,13 +42,20 @@ class Part(NamedTuple):
         information: information on the free parameters, sensor offsets and initial states eliminated (p, p).
         score: sum of the scores (p).
         noise: covariance of the score (p, p).
-        cost: half the sum of the losses.
+        slopes: derivatives of the residuals by the free parameters, the others eliminated (n, outputs, p).
+        residuals: residuals over their noise (n, outputs).
     """
 
     information: Array
     score: Array
     noise: Array
-    cost: float
+    slopes: Array
+    residuals: Array
+
+    def cost(self, shift: Array, loss: str) -> float:
+        """Return half the sum of the losses for shifted parameters (p), to first order."""
+        moved = (self.residuals + self.slopes @ shift).ravel()
+        return 0.5 * float(np.sum(robust(loss, len(moved))(moved**2)[0]))
 
 
 def part_length(problem: Problem) -> float:
@@ -84,13 +93,30 @@ def split(problem: Problem, z: Array, loss: str, length: float = np.inf) -> list
             shape = (len(rows), len(mask))
             stretch = Stretch(own.reshape(*shape, count), pulls.reshape(shape), mask[:, rows].T)
             inside = whole[:count, :count] - whole[:count, count:] @ turn
-            cost = 0.5 * float(np.sum(robust(loss, len(pulls))(residuals[part] ** 2)[0]))
-            blocks.append((stretch, inside, own.T @ pulls, cost))
+            blocks.append((stretch, inside, own.T @ pulls, residuals[part].reshape(shape)))
         row += mask.size
     # One noise model for all parts: a short part alone could not determine it.
     models = noise_models([stretch for stretch, *_ in blocks])
-    return [Part(inside, score, score_covariance([stretch], models)[0], cost)
-            for stretch, inside, score, cost in blocks]  # fmt: skip
+    return [Part(inside, score, score_covariance([stretch], models)[0], stretch.slopes, rest)
+            for stretch, inside, score, rest in blocks]  # fmt: skip
+
+
+def split_by_output(problem: Problem, z: Array, loss: str) -> list[Part]:
+    """Return the outputs of a problem at its minimum as parts, each with its samples of all segments."""
+    parts = split(problem, z, loss)
+    slopes = np.concatenate([part.slopes for part in parts])
+    residuals = np.concatenate([part.residuals for part in parts])
+    outputs = []
+    for k in range(len(problem.model.outputs)):
+        inner, rest = slopes[:, k : k + 1], residuals[:, k : k + 1]
+        weights = loss_weights(rest[:, 0], loss)[:, None]
+        # Missing values have slopes and residuals of zero.
+        stretch = Stretch(inner, weights * rest, np.any(inner, axis=2))
+        whole = inner[:, 0].T @ (weights * inner[:, 0])
+        outputs.append(
+            Part(whole, inner[:, 0].T @ stretch.residuals[:, 0], score_covariance([stretch])[0], inner, rest)
+        )
+    return outputs
 
 
 def cross_validate(minimum: Minimum, loss: str) -> Array:
@@ -105,18 +131,20 @@ def cross_validate(minimum: Minimum, loss: str) -> Array:
     whole = prior.T @ prior + sum(part.information for part in parts)
     costs = []
     for part in parts:
-        shift = np.linalg.lstsq(whole - part.information, part.score, rcond=1e-10)[0]
-        costs.append(part.cost + part.score @ shift + 0.5 * shift @ part.information @ shift)
+        shift: Array = np.linalg.lstsq(whole - part.information, part.score, rcond=1e-10)[0].astype(np.float64)
+        costs.append(part.cost(shift, loss))
     return np.array(costs)
 
 
 def variation(parts: Sequence[Part], prior: Array) -> Array:
-    """Return the standard deviation τ of the scaled free parameters between parts of the logs (p).
+    """Return the standard deviation τ of the scaled free parameters between parts of the logs (p), 0 for one part.
 
     Args:
         parts: parts, each with enough information for an estimate of its own.
         prior: information of the priors on the free parameters (p, p), for a part without information of its own.
     """
+    if len(parts) < 2:
+        return np.zeros(len(prior))
     shifts, variances = [], []
     for part in parts:
         # A part that does not excite a parameter keeps it near the common estimate, by its prior, with a small weight.

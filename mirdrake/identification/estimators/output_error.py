@@ -12,7 +12,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.identification import messages
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.consistency import prior_information, split, variation
+from mirdrake.identification.estimators.consistency import prior_information, split, split_by_output, variation
 from mirdrake.identification.estimators.experiment_design import Candidate, rank_manoeuvres
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem, transfer_states
@@ -78,7 +78,7 @@ def fit(
     effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
-    between, structures = between_logs(data, solution, options), between_structures(solution, rivals)
+    between, structures = between_parts(data, solution, options), between_structures(solution, rivals)
     result = summarise(
         data, solution, unknowns, name=name, options=options, notes=notes, effects=effects, between=between,
         structures=structures,
@@ -86,8 +86,11 @@ def fit(
     return replace(result, seconds=time.perf_counter() - begun)
 
 
-def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
-    """Return the standard deviation of the scaled free parameters between the logs, those for validation included."""
+def between_parts(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
+    """Return the standard deviation of the scaled free parameters between logs, and between outputs (p).
+
+    Validation logs count as well.
+    """
     problem = solution.problem
     span = sum(drive.size * drive.step for drive in problem.drives)
     # A single log is cut into halves.
@@ -104,7 +107,9 @@ def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -
         except RunError:
             continue
         parts += split(other, z, options.loss)
-    return variation(parts, prior_information(problem))
+    prior = prior_information(problem)
+    outputs = split_by_output(problem, solution.z, options.loss)
+    return np.asarray(np.hypot(variation(parts, prior), variation(outputs, prior)), dtype=np.float64)
 
 
 def between_structures(solution: Solution, rivals: Sequence[Mapping[str, float]]) -> Array:

@@ -92,14 +92,14 @@ def choose_structure(
             additions = [*(addition for addition in accepted if not {*addition.options} & {*added.options}), added]
             minimum = _best_start(data, _with_additions(model, settings, additions), few, best_fit, added.starts)
             # An effect that the new one drives to where it vanishes is left out again.
-            odd = set() if minimum is None else _implausible(minimum)
+            odd = set() if minimum is None else {*_implausible(minimum)}
             faded = [addition for addition in additions[:-1] if {*addition.settings, *addition.options} & odd]
             if faded:
                 additions = [addition for addition in additions if addition not in faded]
                 minimum = _best_start(data, _with_additions(model, settings, additions), few, best_fit, ())
-            # Values that no vehicle has show that the effect imitates another one; those of the plain model are
-            # excused.
-            if minimum is None or not _implausible(minimum) <= _implausible(first):
+            # Values that no vehicle has show that the effect imitates another one; as far as the plain model has them,
+            # they are excused.
+            if minimum is None or not _is_excused(_implausible(minimum), _implausible(first)):
                 continue
             own = cross_validate(minimum, options.loss)
             tried.append((minimum, own))
@@ -216,11 +216,21 @@ def _promising(
     return [added for _, added in sorted(promises, key=lambda entry: -entry[0])]
 
 
-def _implausible(minimum: Minimum) -> set[str]:
-    """Return the free parameters whose values no vehicle can have."""
-    values, names = minimum.values, [parameter.info.name for parameter in minimum.problem.free]
-    ranges = {name: minimum.problem.model.plausible_range(name, values) for name in names}
-    return {name for name, (low, high) in ranges.items() if not low < values[name] < high}
+def _implausible(minimum: Minimum) -> dict[str, float]:
+    """Return the free parameters whose values no vehicle can have, and how far their scaled values are out of range."""
+    values, out = minimum.values, {}
+    for parameter in minimum.problem.free:
+        name = parameter.info.name
+        low, high = minimum.problem.model.plausible_range(name, values)
+        if not low < values[name] < high:
+            end = low if values[name] <= low else high
+            out[name] = abs(parameter.to_scaled(values[name]) - parameter.to_scaled(end))
+    return out
+
+
+def _is_excused(implausible: Mapping[str, float], plain: Mapping[str, float]) -> bool:
+    """Whether no value is further out of range than in the plain model."""
+    return all(distance <= plain.get(name, -1.0) for name, distance in implausible.items())
 
 
 def _minimise(

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.models.base import Addition
+from mirdrake.identification.models.single_track_parameters import DELAYS
 from mirdrake.identification.parameters import Setting
 
 SATURATION_ACCELERATION, DRY_FRICTION = 3.0, 0.9
@@ -79,8 +80,11 @@ def single_track_additions(
         }  # fmt: skip
         positions = dict(ChainMap(*(by_sensor[name] for name in compared)))
         yield Addition("roll of the body", positions, {"roll": True})
-    if len(compared) > 1 and "velocity_delay" not in settings:
-        yield Addition("a delay of vy", {"velocity_delay": _FREE})
+    # Delays are those against the yaw rate.
+    has_yaw_rate = "yaw_rate" in (outputs or ("yaw_rate",)) and all("yaw_rate" in log.channels for log in data.logs)
+    for channel, name, words in DELAYS:
+        if has_yaw_rate and channel in compared and name not in settings:
+            yield Addition(f"a delay of {words}", {name: _FREE})
 
     largest = _largest_lateral_acceleration(data)
     if "tyres" in open_options and largest > SATURATION_ACCELERATION:

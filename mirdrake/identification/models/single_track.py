@@ -91,7 +91,12 @@ from mirdrake.identification.models.base import (
 from mirdrake.identification.models.equations import CompiledModel
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
 from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
-from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
+from mirdrake.identification.models.single_track_parameters import (
+    ASSUMED_WHEELBASE,
+    DELAYS,
+    RELAXATION,
+    single_track_parameters,
+)
 from mirdrake.identification.models.steer import SETPOINT_DELAY, STEERING, STEERING_PARAMETERS, steering_angle
 from mirdrake.identification.parameters import Setting
 from mirdrake.vehicles import Vehicle
@@ -102,7 +107,6 @@ _FROUDE = 0.2  # speed of the kinematic motion over sqrt(g L) [1]
 _STEP = 0.03  # step of the integration over sqrt(L / g) [1]
 _SMOOTHING = 0.1  # smoothing of the speed before it is differentiated [s]
 _CENTRE = 0.05  # standard deviation of an unknown centre of mass over the wheelbase [1]
-_SIZE = 0.1  # standard deviation of an unknown wheelbase over the wheelbase [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
 _FRICTION = 0.9  # friction of a dry road [1]
 # Standard deviation of factor C of the lateral force about 1.4 [1]. Measured: 1.19 (205/60R15, the same table), 1.35 (a
@@ -112,7 +116,7 @@ _CURVATURE = -1.0  # factor E at zero slip of a 205/60R15: Pacejka, Tyre and Veh
 _HEIGHT, _MAX_HEIGHT = 0.2, 0.5  # usual and largest height of the centre of mass over the wheelbase [1]
 _LAG = 0.05  # usual lag of a steering [s]
 _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of the front axle's shares of drive and braking [1]
-_VELOCITY_DELAY = 0.01  # usual delay of a separate instrument for vy: a sample at 100 Hz [s]
+_SENSOR_DELAY = 0.01  # usual delay of a separate instrument: a sample at 100 Hz [s]
 _DELAY_PARAMETERS = {channel: name for channel, name, _ in DELAYS}
 _ROLL_GAIN = 0.01  # usual roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
 _ROLL_STEER = 0.05  # slip of an axle over roll: half the camber thrust of the Ford Escort of CommonRoad [1]
@@ -251,7 +255,7 @@ class SingleTrackModel(CompiledModel):
     def additions(
         cls, data: DataSet, options: SingleTrackOptions, settings: Mapping[str, Setting]
     ) -> Iterator[Addition]:
-        """Yield load transfer, steering lag, relaxation, roll, a delay of vy, tyre laws, if not specified."""
+        """Yield load transfer, steering lag, relaxation, roll, delays of sensors, tyre laws, if not specified."""
         open_options = {name for name in ("tyres", "roll", "relaxation") if name not in options.model_fields_set}
         yield from single_track_additions(
             data, settings, open_options=open_options, outputs=options.outputs, rolls=cls.rolls_by_default
@@ -413,8 +417,9 @@ class SingleTrackModel(CompiledModel):
             "friction_rear": (0.1, 2.0),
             "load_transfer": (0.0, _MAX_HEIGHT * (a + b)),
             "steering_lag": (2e-3, 0.9),
-            # Beside a lag, a negative dead time means that the lag compensates for something else.
-            "steering_delay": (-0.01 if p["steering_lag"] > 0.0 else -np.inf, np.inf),
+            # No vehicle responds before its steering, but half a sample at 25 Hz: a shorter dead time compensates for
+            # another effect.
+            "steering_delay": (-0.02, np.inf),
             "roll_gain": (0.001, 0.03),
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),
@@ -457,7 +462,7 @@ class SingleTrackModel(CompiledModel):
         moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
         assume(lengths, moved, "where the centre of mass is", "give front_length and rear_length")
         if self._no_wheelbase:
-            moved = {name: _SIZE * p[name] for name in lengths if name in assumed}
+            moved = {name: ASSUMED_WHEELBASE * p[name] for name in lengths if name in assumed}
             assume((), moved, "the wheelbase", "give the wheelbase")
         if self._relaxation:
             moved = {name: 0.5 * p[name] for name in self._lengths}
@@ -498,9 +503,10 @@ class SingleTrackModel(CompiledModel):
         if set(bends) <= assumed:
             moved = {name: p[name] + OMITTED_FRACTION * _CURVATURE for name in bends}
             omit("the curvature factor of the tyres", "give curvature_front and curvature_rear", moved, {})
-        if "velocity_delay" in assumed:
-            moved = {"velocity_delay": OMITTED_FRACTION * _VELOCITY_DELAY}
-            omit("whether vy has a delay", "give velocity_delay, or record all channels with one clock", moved, {})
+        for channel, name, words in DELAYS:
+            if channel in self.outputs and name in assumed:
+                moved = {name: OMITTED_FRACTION * _SENSOR_DELAY}
+                omit(f"whether {words} has a delay", f"give {name}, or record all channels with one clock", moved, {})
         if "load_transfer" in assumed:
             moved = {"load_transfer": OMITTED_FRACTION * _HEIGHT * length}
             omit("load transfer in braking", "give load_transfer", moved, {}, _MAX_HEIGHT / _HEIGHT)

@@ -1,5 +1,6 @@
 """Parameters of the single track: guesses and bounds from its loads and lengths, or values of a vehicle."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,9 @@ RELAXATION = 0.15
 
 _ROLL_ARM = 0.15
 """Height of the centre of mass above the roll axis over the wheelbase [1]: 0.4 m for a car."""
+
+ASSUMED_WHEELBASE = 0.5
+"""Standard deviation of an assumed wheelbase over that which suits the tightest turn [1]."""
 
 _AXLES = {"relaxation": "both axles", "relaxation_front": "front", "relaxation_rear": "rear"}
 
@@ -34,6 +38,11 @@ class _Size:
     front: float
     rear: float
     sources: tuple[str, str]
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether the wheelbase is assumed."""
+        return any(source.startswith("assumed") for source in self.sources)
 
     @property
     def length(self) -> float:
@@ -120,21 +129,24 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
     loads = {"front": m * GRAVITY * size.rear / length, "rear": m * GRAVITY * size.front / length}
     stiffness, inertia = size.unit("N/rad", "N/(rad kg)"), size.unit("kg m^2", "m^2")
     gyration = m * size.front * size.rear  # yaw inertia of a car, nearly
+    # An assumed wheelbase is uncertain, and the inertia is proportional to its square.
+    inertia_usual = math.hypot(0.3, 2.0 * ASSUMED_WHEELBASE if size.is_assumed else 0.0)
     source = "not given: stiffness and inertia are per kilogram" if size.bare else ""
     parameters = [
-        # Bounds exclude only what no vehicle has; `usual` is the range that the plausibility check expects.
+        # Bounds exclude only what no vehicle has. `usual` holds 95 % of vehicles: stiffness over load of 4.5 to 32 per
+        # radian, inertia over m a b of 0.55 to 1.8. Where a log does not determine them, they keep a usual value.
         Parameter("mass", size.unit("kg", "1"), "mass of the vehicle", m, 1e-3, 1e6, source=source),
         Parameter("front_length", "m", "centre of mass to front axle", size.front, 0.01, 20.0, source=size.sources[0]),
         Parameter("rear_length", "m", "centre of mass to rear axle", size.rear, 0.01, 20.0, source=size.sources[1]),
     ]
     parameters += [
         Parameter(f"cornering_stiffness_{axle}", stiffness, f"cornering stiffness of the {axle} axle, both tyres{per}",
-                  _CORNERING * load, 0.3 * load, 500.0 * load, True, usual=1.0)
+                  _CORNERING * load, 0.3 * load, 500.0 * load, True, usual=0.5)
         for axle, load in loads.items()
     ]  # fmt: skip
     parameters += [
         Parameter("yaw_inertia", inertia, "yaw inertia" + per, gyration, 0.05 * gyration, 20.0 * gyration, True,
-                  usual=0.7),
+                  usual=inertia_usual),
         Parameter("spin_inertia", inertia, "additional yaw inertia of the spinning wheels" + per, 0.0, 0.0, gyration,
                   scale=0.01 * gyration, usual=2.0),
         Parameter("steering_inertia", inertia, "inertia of the steered parts about the steering axes" + per, 0.0, 0.0,
