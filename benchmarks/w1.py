@@ -30,12 +30,12 @@ from mirdrake.plant.wheel_shape import make_wheel_shape
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle
 
-STEPS = {"point": (0.002, 0.005, 0.010, 0.020), "hydroelastic": (0.002, 0.005, 0.010, 0.020)}
+STEPS = dict.fromkeys(("tyre", "point", "hydroelastic"), (0.002, 0.005, 0.01, 0.02))
 """Plant steps [s] per contact setting."""
 
 
-APPROXIMATIONS = {"point": ("similar", "sap"), "hydroelastic": ("similar",)}
-"""Drake's contact approximations that are tried; with point contact sap solves faster."""
+APPROXIMATIONS = {"tyre": ("similar",), "point": ("similar", "sap"), "hydroelastic": ("similar",)}
+"""Drake's contact approximations that are tried; with point contact sap solves faster, and vertical tyres have none."""
 
 
 def make_spec(contact: str, step: float, *, approximation: str = "similar", left: bool = True) -> DiagramSpec:
@@ -51,6 +51,8 @@ def make_spec(contact: str, step: float, *, approximation: str = "similar", left
 
 class BarePlant:
     """A plant as Drake alone has it, with the contact, step and set-point of a diagram, driven by C++ blocks alone.
+
+    In place of vertical tyres it has point contact.
 
     Its wheels turn with their contact shapes, whose friction drives and guides the car. Wheel speeds and steering
     angles come from a trajectory and go to the joints' servos; there is no speed loop, no driver, no rolling
@@ -120,7 +122,8 @@ def _add_friction_plant(
     builder: DiagramBuilder, spec: DiagramSpec, vehicle: Vehicle
 ) -> tuple[MultibodyPlant, VehicleInPlant]:
     """Add a finalised plant with the vehicle of a diagram, whose wheels have contact friction instead of a tyre law."""
-    contact = spec.plant.contact
+    # A plant of Drake alone has no vertical tyres; point contact is its fastest.
+    contact = "point" if spec.plant.contact == "tyre" else spec.plant.contact
     config = MultibodyPlantConfig(
         time_step=spec.plant.time_step,
         contact_model="hydroelastic_with_fallback" if contact == "hydroelastic" else "point",
@@ -178,7 +181,7 @@ def drive(
     and the median of the pairs is given.
 
     Args:
-        contact: "hydroelastic" or "point".
+        contact: "hydroelastic", "point" or "tyre".
         step: of the plant [s].
         approximation: Drake's contact approximation.
         duration: simulated time [s].
@@ -221,7 +224,7 @@ def park(contact: str, step: float, *, world: str, brakes: bool, seconds: float 
     """Creep of a parked car.
 
     Args:
-        contact: "hydroelastic" or "point".
+        contact: "hydroelastic", "point" or "tyre".
         step: of the plant [s].
         world: flat or slope.
         brakes: parking brakes on, or the speed loop alone holds the car.

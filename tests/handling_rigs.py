@@ -31,7 +31,7 @@ def free_handling(folder: Path, name: str) -> str:
     return f"{model}@free"
 
 
-def rolling_car(model: str, *, speed: float, steering: float) -> Assembly:
+def rolling_car(model: str, *, speed: float, steering: float, contact: str = "point") -> Assembly:
     """Return a diagram with one car on a plane of dry asphalt, without air."""
     world = Path(model).parent / "asphalt.yaml"
     world.write_text("mirdrake: world/1\nground: {surface: asphalt}\n", encoding="utf-8")
@@ -39,7 +39,7 @@ def rolling_car(model: str, *, speed: float, steering: float) -> Assembly:
         "world": str(world),
         "vehicles": {"ego": {"model": model, "speed": speed, "start": {"x": 0, "y": 0}}},
         "control": {"ego": {"kind": "constant", "speed": speed, "steering": steering}},
-        "plant": {"air_density": 0.0, "contact": "point"},
+        "plant": {"air_density": 0.0, "contact": contact},
         "record": {"rate": 50.0},
     }
     return assemble(spec)
@@ -55,6 +55,7 @@ class EnergyWatch:
     """
 
     def __init__(self, assembly: Assembly) -> None:
+        self._step = assembly.spec.plant.time_step
         self._plant, self._part = assembly.parts.plant, assembly.parts.vehicles["ego"]
         self._tyres, self._places = assembly.tyres["ego"], wheel_places(self._part)
         self._before: Any = None
@@ -86,7 +87,7 @@ class EnergyWatch:
             tyre_forces = np.array(self._tyres.tyre_forces.Eval(self._tyres.GetMyContextFromRoot(context))).reshape(
                 4, 5
             )
-            step, work = plant.time_step(), 0.0
+            step, work = self._step, 0.0
             early_motions, early_turning, early_damped = self._before
             for early, late, (fx, fy, mz, _, _), early_turn, late_turn in zip(
                 early_motions, motions, tyre_forces, early_turning, turning, strict=True

@@ -52,6 +52,7 @@ class CoastingCar:
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
         context = self.readings.GetMyContextFromRoot(self.simulator.get_context())
+        assert self.readings.wheel_load is not None
         return np.array(self.readings.wheel_load.Eval(context))
 
     def advance(self, duration: float) -> None:
@@ -74,7 +75,6 @@ def add_tyres(
     builder.Connect(plant.get_contact_results_output_port(), readings.contact_results)
     builder.Connect(plant.get_state_output_port(), tyres.plant_state)
     builder.Connect(readings.wheel_load, tyres.measured_load)
-    builder.Connect(tyres.resistance, readings.resistance_inputs[0])
     return readings, tyres
 
 

@@ -67,6 +67,7 @@ class PushedCar:
     @property
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
+        assert self.readings.wheel_load is not None
         return np.array(self.readings.wheel_load.Eval(self.readings.GetMyContextFromRoot(self.simulator.get_context())))
 
     @property

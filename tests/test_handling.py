@@ -34,18 +34,20 @@ def drive(folder: Path, name: str, rows, *, duration, grade=0.0, contact="point"
 
 
 @pytest.mark.parametrize("name", HANDLING)
-def test_a_coast_without_losses_keeps_its_energy(tmp_path, name):
+@pytest.mark.parametrize("contact", ["point", "tyre"])
+def test_a_coast_without_losses_keeps_its_energy(tmp_path, name, contact):
     speed = 8.0 if name == "unior" else 20.0
-    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=0.0)
+    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=0.0, contact=contact)
     watch = EnergyWatch(assembly)
     Simulation(assembly).run(duration=2.0, monitor=watch)
     assert watch.stored[-1] == pytest.approx(watch.stored[0], rel=1e-4)
 
 
 @pytest.mark.parametrize("name", HANDLING)
-def test_energy_lost_in_a_turn_is_dissipated_by_tyres_and_dampers(tmp_path, name):
+@pytest.mark.parametrize("contact", ["point", "tyre"])
+def test_energy_lost_in_a_turn_is_dissipated_by_tyres_and_dampers(tmp_path, name, contact):
     speed, steering = (8.0, 0.06) if name == "unior" else (20.0, 0.03)
-    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=steering)
+    assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=steering, contact=contact)
     watch = EnergyWatch(assembly)
     end = Simulation(assembly).run(duration=4.0, monitor=watch).signals.iloc[-1]
     assert end["ego.wz"] * end["ego.vx"] > 0.25 * GRAVITY

@@ -388,7 +388,7 @@ class Diagram:
 
     def build(self, *, meshcat: Meshcat | None = None) -> DrakeDiagram:
         """Return an ordinary Drake Diagram; see :func:`mirdrake.make_diagram`."""
-        return self.assemble(meshcat=meshcat, expand=True).diagram
+        return self._assemble(self.spec(), meshcat=meshcat, expand=True, continuous=False).diagram
 
     def simulate(
         self,
@@ -558,8 +558,10 @@ class Diagram:
         self._factories[name] = factory
         return self[name]
 
-    def _assemble(self, spec: DiagramSpec, *, meshcat: Meshcat | None, expand: bool) -> Assembly:
-        return assemble(spec, meshcat=meshcat, expand=expand, factories=self._factories)
+    def _assemble(
+        self, spec: DiagramSpec, *, meshcat: Meshcat | None, expand: bool, continuous: bool = True
+    ) -> Assembly:
+        return assemble(spec, meshcat=meshcat, expand=expand, factories=self._factories, continuous=continuous)
 
     def _display(self, *, expand: bool) -> Assembly:
         """Return the diagram with copies of the ports in place of objects, which stay free to be built in."""

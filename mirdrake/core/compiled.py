@@ -32,6 +32,9 @@ Records = npt.NDArray[np.void]
 """An array of records; compiled functions access the fields as attributes."""
 
 
+_NUMBERS = (float, int)  # as a tuple, twice as fast to check against as a union
+
+
 def record_type(kind: type[Any]) -> np.dtype[np.void]:
     """Return the NumPy type of the record of a named tuple or dataclass, with the same fields.
 
@@ -62,7 +65,7 @@ def plain(value: Any) -> Any:
     """Return a named tuple or dataclass, nested or not, as plain tuples, which can be assigned to a record."""
     # NumPy fills a structured array from tuples only, not from lists or dataclasses.
     if isinstance(value, tuple):
-        return tuple([part if isinstance(part, float | int) else plain(part) for part in value])
+        return tuple([part if isinstance(part, _NUMBERS) else plain(part) for part in value])
     return plain(astuple(value)) if is_dataclass(value) and not isinstance(value, type) else value
 
 

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -133,7 +132,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_names),), dtype=np.float32)
         self._check_watchdog()
 
-        self._simulator = Simulator(self.assembly.diagram)
+        self._simulator = self.assembly.make_simulator()
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         if self._friction.varies:
             self._simulator.set_monitor(weak_callback(self._watch))

@@ -33,6 +33,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, Multibod
 from pydrake.multibody.tree import (
     Joint,
     JointActuator,
+    JointIndex,
     ModelInstanceIndex,
     PdControllerGains,
     PrismaticSpring,
@@ -54,8 +55,13 @@ from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.tyres import SlipTyres
 from mirdrake.tyres.vertical import VerticalTyre
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
+from mirdrake.vehicles.joint_control import ServoGains
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
+
+SCHEME = "semi_explicit_euler"
+"""Drake's integrator for a continuous plant: velocities from the forces at the beginning of a step, positions from the
+velocities at its end, as in a discrete plant. It is symplectic."""
 
 PARKING_STIFFNESS = 1e7
 """Stiffness of a parking brake [N m/rad]: a car of 2 t on a slope of 5 degrees moves by 0.01 mm."""
@@ -163,6 +169,8 @@ class VehicleInPlant:
         parked: whether parking brakes hold the wheels.
         suspension: suspension joints in the order of the wheels; empty without suspension.
         terrain: the ground that its tyres touch.
+        period: time step of the plant [s].
+        servos: gains of the wheels' and the steering's servos, if the plant itself does not solve them.
     """
 
     name: str
@@ -179,6 +187,8 @@ class VehicleInPlant:
     parked: bool = False
     suspension: tuple[Joint, ...] = ()
     terrain: Terrain = FLAT
+    period: float = 0.0
+    servos: Mapping[JointIndex, ServoGains] = field(default_factory=dict)
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """Return the compression of a front and a rear tyre at rest on level ground [m], in the finalised plant."""
@@ -236,6 +246,7 @@ def make_plant(
     *,
     spec: PlantSpec | None = None,
     parked: Container[str] = (),
+    continuous: bool = False,
 ) -> PlantParts:
     """Add a finalised plant with a world and vehicles to a diagram under construction.
 
@@ -245,16 +256,21 @@ def make_plant(
         vehicles: vehicles by name in the plant.
         spec: step and contact settings.
         parked: names of vehicles with parking brakes on.
+        continuous: whether the plant may be continuous, stepped by :data:`SCHEME`; it is if nothing in it needs Drake's
+            contact solver.
     """
     spec = spec or PlantSpec()
     # The contact geometry of the ground is plane: only the tyre model rolls on uneven ground.
     terrain = terrain_of(world)
     wheel_contact: ContactModel = spec.contact if terrain.flat else "tyre"
+    continuous = continuous and wheel_contact == "tyre" and not has_loose_bodies(world)
+    # Explicit friction under its own weight would chatter at speeds below g dt.
+    slip = max(spec.stiction_tolerance, GRAVITY * spec.time_step) if continuous else spec.stiction_tolerance
     config = MultibodyPlantConfig(
-        time_step=spec.time_step,
+        time_step=0.0 if continuous else spec.time_step,
         contact_model="hydroelastic_with_fallback" if wheel_contact == "hydroelastic" else "point",
         discrete_contact_approximation=spec.approximation,
-        stiction_tolerance=spec.stiction_tolerance,
+        stiction_tolerance=slip,
         use_sampled_output_ports=False,  # contact results are those of the next step, solved once
     )
     # Drake's defaults, 50 s/m and 0.1 s, would overdamp the tyres.
@@ -263,7 +279,15 @@ def make_plant(
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
     parts = {
         name: replace(
-            add_vehicle(plant, vehicle, name=name, contact=wheel_contact, parked=name in parked), terrain=terrain
+            add_vehicle(
+                plant,
+                vehicle,
+                name=name,
+                contact=wheel_contact,
+                parked=name in parked,
+                period=spec.time_step,
+            ),
+            terrain=terrain,
         )
         for name, vehicle in vehicles.items()
     }
@@ -279,6 +303,16 @@ def make_plant(
     return PlantParts(plant, scene_graph, world, parts, ground, props, terrain, wheel_contact, solid)
 
 
+def solves_joints(plant: MultibodyPlant) -> bool:
+    """Return whether Drake solves servos, dampers and limits of the joints: with the contact, in a discrete plant."""
+    return bool(plant.time_step() > 0.0)
+
+
+def has_loose_bodies(world: World) -> bool:
+    """Return whether bodies of a world move, apart from vehicles; they are too light for explicit contact forces."""
+    return any(not placed.static for placed in world.props) or any(actor.spec.body == "solid" for actor in world.actors)
+
+
 def add_vehicle(
     plant: MultibodyPlant,
     vehicle: Vehicle | str,
@@ -286,6 +320,7 @@ def add_vehicle(
     name: str | None = None,
     contact: ContactModel = "hydroelastic",
     parked: bool = False,
+    period: float | None = None,
 ) -> VehicleInPlant:
     """Add a vehicle to a plant that is not finalised yet.
 
@@ -300,6 +335,7 @@ def add_vehicle(
         contact: contact model, for the shape of the tyres.
         parked: whether parking brakes hold every wheel at its present angle. (Drake's joint locking reads out of
             bounds with wheels on the ground in 1.51.)
+        period: time step by which a continuous plant is integrated [s]; by default that of the plant.
 
     Raises:
         ModelError: the plant has no scene graph, or a wheel has no cylinder to roll on.
@@ -332,15 +368,16 @@ def add_vehicle(
     wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
     steering_actuators = tuple(actuators[joint.index()] for joint in steering)
 
-    # Drake solves PD gains and rotor inertia implicitly with the contact, so stiff servos are stable at any step.
+    # A discrete plant solves PD gains implicitly with the contact, so stiff servos are stable at any step.
+    servos: dict[JointIndex, ServoGains] = {}
     wheel_gains, driven = vehicle.control.wheel_servo(), vehicle.spec.driven_wheels()
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
-            actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
+            servos[actuator.joint().index()] = ServoGains(PARKING_STIFFNESS, PARKING_STIFFNESS / 100.0)
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(PARKING_INERTIA)
         elif wheel_gains is not None and wheel in driven:
-            actuator.set_controller_gains(PdControllerGains(p=wheel_gains.stiffness, d=wheel_gains.damping))
+            servos[actuator.joint().index()] = wheel_gains
         # The inertia is already referred to the wheel, hence the gear ratio 1.
         rotor = vehicle.spec.powertrain.wheel_inertia(drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
         if rotor > 0.0 and not parked:
@@ -348,7 +385,10 @@ def add_vehicle(
             actuator.set_default_rotor_inertia(rotor)
     for servo, actuator in zip(vehicle.control.steering_servos(), steering_actuators, strict=True):
         if servo is not None:
-            actuator.set_controller_gains(PdControllerGains(p=servo.stiffness, d=servo.damping))
+            servos[actuator.joint().index()] = servo
+    if solves_joints(plant):
+        for joint_index, gains in servos.items():
+            actuators[joint_index].set_controller_gains(PdControllerGains(p=gains.stiffness, d=gains.damping))
 
     # Contact shapes of the tyres, and their compression.
     ratio = None if vehicle.spec.tyres.has_slip or vehicle.spec.suspension else BOUNCE_DAMPING
@@ -385,6 +425,8 @@ def add_vehicle(
         compression=compression,
         parked=parked,
         suspension=_add_springs(plant, vehicle, instance),
+        period=plant.time_step() if period is None else period,
+        servos={} if solves_joints(plant) else servos,
     )
 
 

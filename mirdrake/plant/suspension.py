@@ -95,11 +95,11 @@ def make_bump_stops(plant: MultibodyPlant, part: VehicleInPlant) -> Diagram | No
         begin[index], stiffness[index] = stop.travel, stop.stiffness
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
         unsprung = sum(float(plant.get_body(body).default_mass()) for body in below)
-        if plant.time_step() * math.sqrt(stop.stiffness / unsprung) > MAX_STOP_RATE:
-            limit = unsprung * (MAX_STOP_RATE / plant.time_step()) ** 2
+        if part.period * math.sqrt(stop.stiffness / unsprung) > MAX_STOP_RATE:
+            limit = unsprung * (MAX_STOP_RATE / part.period) ** 2
             raise ConfigError(
                 f"{where(spec, 'suspension')}: the bump stop of {stop.stiffness:g} N/m is too stiff for "
-                f"{unsprung:.3g} kg of unsprung mass and steps of {plant.time_step():g} s; at most {limit:.3g} N/m, or "
+                f"{unsprung:.3g} kg of unsprung mass and steps of {part.period:g} s; at most {limit:.3g} N/m, or "
                 "smaller steps"
             )
     builder = DiagramBuilder()

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from pydrake.geometry import Meshcat
 from pydrake.math import RollPitchYaw
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus, System
 
 from mirdrake.assembly.diagram import Assembly, DiagramSpec, assemble
@@ -91,7 +90,7 @@ class Simulation:
 
     def __init__(self, assembly: Assembly) -> None:
         self.assembly = assembly
-        self._simulator = Simulator(assembly.diagram)
+        self._simulator = assembly.make_simulator()
         self._volumes = {name: volume_of(part.vehicle) for name, part in assembly.parts.vehicles.items()}
         self._friction = RoadFriction(assembly.parts, assembly.tyres)
 

@@ -78,8 +78,10 @@ class Telemetry:
         # Lights follow a fixed programme in time, so their state is computed, not logged.
         for name, light in assembly.parts.world.lights.items():
             self._put(columns, f"signals.{name}", light.state(times), "")
-        for name in ("wheel_load", "resistance", "other_contacts"):
-            self._add_named(columns, assembly.taps[name], raw[name], prefix="")
+        for kind in ("wheel_load", "resistance", "other_contacts"):
+            for name in (kind, *(f"{vehicle}.{kind}" for vehicle in assembly.parts.vehicles)):
+                if name in raw:
+                    self._add_named(columns, assembly.taps[name], raw[name], prefix="")
         # Sensors and user systems may have several ports, each its own tap `<system>.<port>`.
         for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):
             for name in raw:

@@ -49,13 +49,16 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         frame: mounting frame; fixed to a body.
         mount: rate, noise, latency and dropout.
         stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        step: time step of the plant [s]; by default that of a discrete plant.
 
     Attributes:
         rate: samples per second [Hz].
         latency: time from a sample to its display [s].
     """
 
-    def __init__(self, plant: MultibodyPlant, frame: Frame, mount: "ImuMount", *, stream: int = 0) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, frame: Frame, mount: "ImuMount", *, stream: int = 0, step: float | None = None
+    ) -> None:
         super().__init__()
         builder = DiagramBuilder()
         body, X_BS = mount_pose(frame)
@@ -63,7 +66,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         gravity = plant.gravity_field().gravity_vector()
         force = builder.AddNamedSystem("accelerometer", Accelerometer(body, X_BS, gravity))
         rates = builder.AddNamedSystem("gyroscope", Gyroscope(body, X_BS))
-        sampler = _Sampler(mount, stream, plant.time_step())
+        sampler = _Sampler(mount, stream, plant.time_step() if step is None else step)
         builder.AddNamedSystem("sampler", sampler)
         self.rate, self.latency, self._sampler = mount.rate, mount.latency, sampler
         builder.Connect(force.get_measurement_output_port(), sampler.force)
@@ -123,4 +126,5 @@ class ImuMount(SensorMount):
 
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
         """Return the IMU of this mount."""
-        return Imu(parts.plant, parts.plant.GetFrameByName(self.frame, part.instance), self, stream=stream)
+        frame = parts.plant.GetFrameByName(self.frame, part.instance)
+        return Imu(parts.plant, frame, self, stream=stream, step=part.period)

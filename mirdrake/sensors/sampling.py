@@ -260,7 +260,7 @@ def aligned_period(rate: float, step: float) -> float:
 
     Args:
         rate: [Hz].
-        step: step of the discrete plant [s]; 0: continuous.
+        step: step of the plant [s]; 0: none.
     """
     number = np.arange(1.0, 1e6)
     # Drake computes event times as offset + number x period; both sequences must agree bit for bit.

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from pydrake.systems.analysis import InitializeParams, Simulator
-from pydrake.systems.framework import BasicVector, Context, System
+from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.assembly.diagram import Assembly, assemble, make_spec
 from mirdrake.core.errors import ConfigError, MissingDependencyError
@@ -228,7 +228,7 @@ class _Stepper:
     def settle(self, time: float, *, cut: bool) -> Context:
         """Return the Context at a time, its input cut at the value that it has there, or still connected."""
         context = self._assembly.make_context()
-        simulator = Simulator(self._diagram, context)
+        simulator = self._assembly.make_simulator(context)
         simulator.Initialize()
         # Before the updates at `time`: BEFORE is far below all periods.
         simulator.AdvanceTo(time - BEFORE * self._period)
@@ -252,7 +252,7 @@ class _Stepper:
         changed = with_state(context, state)
         self._probe.set(self._probe.GetMyMutableContextFromRoot(changed), self._gain, offset)
         y = np.array([self.output(changed)])
-        return advanced_state(self._diagram, changed, self._period), y
+        return advanced_state(self._assembly.make_simulator(changed), self._period), y
 
     def differences(self, context: Context) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C and D by central differences."""
@@ -279,14 +279,13 @@ def with_state(context: Context, state: Array) -> Context:
     return result
 
 
-def advanced_state(system: System, context: Context, period: float) -> Array:
-    """Return the state after a period [s] from a Context, which is changed; initialisation events are left out."""
-    simulator = Simulator(system, context)
+def advanced_state(simulator: Simulator, period: float) -> Array:
+    """Return the state after a period [s] from the Context of a Simulator; initialisation events are left out."""
     parameters = InitializeParams()
     # Initialisation would reset discrete states that have been perturbed.
     parameters.suppress_initialization_events = True
     simulator.Initialize(parameters)
-    simulator.AdvanceTo(context.get_time() + period)
+    simulator.AdvanceTo(simulator.get_context().get_time() + period)
     return state_of(simulator.get_context())
 
 

@@ -39,7 +39,7 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = N
         meshcat: Meshcat instance in which to draw.
         scene: scene of the diagram, if it is made already.
     """
-    assembly = assemble(spec, meshcat=meshcat, scene=scene, drawing_period=DRAWING_PERIOD)
+    assembly = assemble(spec, meshcat=meshcat, scene=scene, drawing_period=DRAWING_PERIOD, continuous=False)
     start = next(iter(assembly.starts.values()))
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     assembly.diagram.ForcedPublish(assembly.make_context())

@@ -38,13 +38,12 @@ def add_tyres(wiring: Wiring, parts: PlantParts) -> tuple[WheelReadings, dict[st
             first, loads = index * len(part.wheels), len(vehicles) * len(part.wheels)
             tyres = WheelTyres(plant, part, loads=loads, first=first, friction=friction)
             wiring.add(f"{part.name}.tyres", tyres)
+            assert readings.wheel_load is not None
             wiring.link(readings.wheel_load, tyres.measured_load)
         else:
             tyres = GroundTyres(plant, part, parts.terrain, friction=friction)
             wiring.add(f"{part.name}.tyres", tyres)
-            wiring.link(tyres.wheel_load, readings.load_inputs[index])
         wiring.link(plant.get_state_output_port(), tyres.plant_state)
-        wiring.link(tyres.resistance, readings.resistance_inputs[index])
         wiring.sinks[f"{part.name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
         wiring.sources[f"{part.name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
         models[part.name] = tyres

@@ -16,7 +16,7 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts
-from mirdrake.plant.wheels import WheelReadings
+from mirdrake.plant.wheels import TyreSystem, WheelReadings
 from mirdrake.vehicles import Vehicle
 
 
@@ -64,15 +64,22 @@ class HeldSignals(LeafSystem):  # type: ignore[misc, unused-ignore]
         state.set_value(0, np.concatenate([port.Eval(context) for port in self.inputs]))
 
 
-def add_taps(wiring: Wiring, parts: PlantParts, readings: WheelReadings, spec: DiagramSpec) -> dict[str, Tap]:
+def add_taps(
+    wiring: Wiring, parts: PlantParts, readings: WheelReadings, tyres: Mapping[str, TyreSystem], spec: DiagramSpec
+) -> dict[str, Tap]:
     """Add log sinks for the recorded signals; they are C++ and take little time."""
     # Vectors that every run records, as the columns of its table are computed from them.
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
-        "wheel_load": (readings.wheel_load, signals_of(readings.wheel_load)),
-        "resistance": (readings.resistance, signals_of(readings.resistance)),
         "other_contacts": (readings.other_contacts, signals_of(readings.other_contacts)),
     }
+    # Loads are measured where Drake's contact bears the wheels, and of the tyre model elsewhere.
+    if readings.wheel_load is not None:
+        wanted["wheel_load"] = (readings.wheel_load, signals_of(readings.wheel_load))
+    for name, system in tyres.items():
+        if readings.wheel_load is None:
+            wanted[f"{name}.wheel_load"] = (system.wheel_load, signals_of(system.wheel_load))
+        wanted[f"{name}.resistance"] = (system.resistance, signals_of(system.resistance))
     if "traffic" in wiring.systems:
         actors = wiring.systems["traffic"].GetOutputPort("signals")
         wanted["actors"] = (actors, signals_of(actors))

@@ -16,7 +16,7 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
-from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.plant.plant import PlantParts, VehicleInPlant, solves_joints
 from mirdrake.plant.powertrain import PEDALS, BatteryPack, DifferentialCoupling, Powertrain
 from mirdrake.plant.rear_steering import RearSteering
 from mirdrake.sensors.ground_truth import GroundTruth
@@ -47,7 +47,11 @@ def add_vehicle_systems(
     wiring.add(f"{name}.truth", truth)
     wiring.add(f"{name}.join", join)
     wiring.link(plant.get_state_output_port(), truth.plant_state)
-    wiring.link(control.GetOutputPort("desired_state"), plant.get_desired_state_input_port(part.instance))
+    set_points = control.GetOutputPort("desired_state")
+    if solves_joints(plant):
+        wiring.link(set_points, plant.get_desired_state_input_port(part.instance))
+    else:
+        wiring.link(set_points, wiring.systems[f"{name}.tyres"].GetInputPort("desired_state"))
     wiring.link(join.get_output_port(), control.GetInputPort("command"))
     between = (  # where blocks of the user's may stand: noise of the sensors, delay of the actuators
         ("plant_state", plant.get_state_output_port(), "measured_state", control.GetInputPort("plant_state")),
@@ -130,7 +134,10 @@ def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> Input
     # The input of the plant and that of the tyres must get the same torques, also if the user replaces them.
     split = PassThrough(port.size())
     wiring.add(f"{part.name}.actuation", split)
-    wiring.link(split.get_output_port(), port)
+    if solves_joints(parts.plant):
+        wiring.link(split.get_output_port(), port)
+    else:
+        wiring.link(tyres.GetOutputPort("net_actuation"), port)
     wiring.link(split.get_output_port(), tyres.actuation)
     return split.get_input_port()
 

@@ -26,7 +26,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly, assemble
@@ -126,7 +125,7 @@ class PlantModel(SimulatedModel):
         self._rate = float(options.rate or (0.5 / self._step if self._stiff else loaded.control.rate))
         self._lead = 0.5 / self._rate + self._step if self._stiff else 0.0
         self.assembly = self._build(options.vehicle, options.contact, options.world)
-        self._simulator = Simulator(self.assembly.diagram)
+        self._simulator = self.assembly.make_simulator()
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)

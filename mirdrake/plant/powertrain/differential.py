@@ -91,7 +91,7 @@ class DifferentialCoupling(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant") -> None:
         super().__init__()
-        self._period = plant.time_step()
+        self._period = part.period
         self._couplings = make_couplings(plant, part)
         self._spins = [plant.num_positions() + joint.velocity_start() for joint in part.wheels]
         self.torque = declare_vector_input(self, "torque", WHEEL_TORQUE)
@@ -141,11 +141,11 @@ def make_couplings(plant: MultibodyPlant, part: "VehicleInPlant") -> tuple[Coupl
             continue
         # Two wheels against each other: 1/I = 1/I_left + 1/I_right.
         inertia = 1.0 / (1.0 / inertias[first] + 1.0 / inertias[first + 1])
-        limit = inertia * (MAX_RATE / plant.time_step()) ** 2
+        limit = inertia * (MAX_RATE / part.period) ** 2
         if kind.stiffness > limit:
             raise ConfigError(
                 f"{where(spec.powertrain, 'differential')}: {name}: a stiffness of {kind.stiffness:g} N m/rad is too "
-                f"large for steps of {plant.time_step():g} s; at most {limit:.3g} N m/rad, or smaller steps"
+                f"large for steps of {part.period:g} s; at most {limit:.3g} N m/rad, or smaller steps"
             )
         couplings.append(Coupling(kind, kind.stiffness, 2.0 * _DAMPING_RATIO * sqrt(kind.stiffness * inertia)))
     return couplings[0], couplings[1]

@@ -4,6 +4,10 @@ Each wheel has a vertical force by its deflection (:mod:`mirdrake.tyres.vertical
 plane (:mod:`mirdrake.plant.wheels.ground_contact`), slip forces in this plane as in :mod:`mirdrake.plant.wheels.step`,
 and rolling resistance. All of them follow from the present state, and the plant applies them explicitly: the scheme is
 symplectic, stable for ω dt < 2, and neither damps nor excites a vehicle on its tyres.
+
+A continuous plant has the same forces throughout a step. The servo of a wheel is solved with its spin then, linearly
+implicit: with the change Δω of the spin that the law predicts, its torque is k (q* - q - ω dt) + d (ω* - ω) -
+(d + k dt) Δω. :mod:`mirdrake.plant.wheels.joint_step` solves the other joints.
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
@@ -19,6 +23,7 @@ from mirdrake.plant.wheels.ground_contact import (
     pack_contact,
     unpack_contact,
 )
+from mirdrake.plant.wheels.joint_step import JOINT_PARTS, joint_steps, servo_effort
 from mirdrake.plant.wheels.motion import base_motion
 from mirdrake.plant.wheels.step import (
     STEP_PARTS,
@@ -114,6 +119,11 @@ def ground_step(
     logged: Any,
     resistances: MutableSequence[float],
     loads: MutableSequence[float],
+    desired: Sequence[float],
+    joints: Records,
+    joint_memories: Records,
+    joints_after: Records,
+    actuation: MutableSequence[float],
 ) -> bool:
     """Compute the forces of the ground on the tyres of a vehicle, and the memory of the wheels.
 
@@ -136,6 +146,11 @@ def ground_step(
         logged: Fx, Fy, Mz, kappa and alpha of each wheel, overwritten.
         resistances: torque of the rolling resistance of each wheel [N m], overwritten.
         loads: load of each wheel [N], overwritten.
+        desired: set-points of the servos of the actuators, positions, then velocities.
+        joints: :class:`mirdrake.plant.wheels.joint_step.StiffJoint`, the wheels first; none if the plant solves them.
+        joint_memories: their memories of the step before; those of the wheels are not used.
+        joints_after: their memories for the next step, overwritten.
+        actuation: torques of the actuators with their servos [N m], overwritten.
 
     Returns:
         Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
@@ -195,7 +210,14 @@ def ground_step(
 
         # Slip forces, pivoting moment, rolling resistance.
         # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
-        effort = limited_effort(wheel, efforts)
+        effort, gain, damping, rest = limited_effort(wheel, efforts), 0.0, wheel.damping, 0.0
+        if len(joints) > 0:
+            if before.begun > 0.0:
+                rest = wheel.inertia * (contact.spin - before.spin) / period - before.torque
+            # Whether the servo is saturated follows from the road force of the last step.
+            mobile, others = wheel.inertia / period + joints[i].damping, rest - contact.rolling * before.fx
+            effort, gain = servo_effort(joints[i], x, car.positions, efforts, desired, period, others, mobile)
+            damping = joints[i].damping + gain
         drive, brake = torques[i] + effort, torques[len(wheels) + i]
         fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
             law,
@@ -210,6 +232,7 @@ def ground_step(
             contact.rolling,
             drive,
             brake,
+            damping,
             period,
         )
 
@@ -228,6 +251,14 @@ def ground_step(
             torque - drive,
         )
         force[wheel.place.spin] += torque - effort
+        if len(joints) > 0:
+            # Servo and bearing at the end of the step; the plant has the bearing of its beginning.
+            change = (rest + torque - contact.rolling * fx) / (wheel.inertia / period + damping)
+            limit = joints[i].effort_limit
+            motor = max(-limit, min(limit, effort - gain * change))
+            actuation[joints[i].actuator] = motor
+            force[wheel.place.spin] -= joints[i].damping * change
+            kept.torque += motor - effort - joints[i].damping * change
 
         kept.begun, kept.turning, kept.twist, kept.rise = 1.0, base.turning[2], twist, contact.rise
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (
@@ -238,11 +269,24 @@ def ground_step(
             atan(tan_alpha),
         )
         resistances[i], loads[i] = resistance, load
+    joint_steps(
+        x,
+        car.positions,
+        period,
+        joints,
+        len(wheels),
+        joint_memories,
+        efforts,
+        desired,
+        force,
+        joints_after,
+        actuation,
+    )
     # In the first step there is no earlier yaw rate to compare with.
     if memories[0].begun > 0.0:
         turn_along(force, wheels[0].wheel.place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
 
-GROUND_STEP_PARTS = (*STEP_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force)
+GROUND_STEP_PARTS = (*STEP_PARTS, *JOINT_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force)
 """Functions that :func:`ground_step` calls, without the law."""

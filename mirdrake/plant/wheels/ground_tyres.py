@@ -35,7 +35,7 @@ class GroundTyres(TyreSystem):
     """Tyre forces of a vehicle whose tyres touch the ground themselves.
 
     Args:
-        plant: finalised plant with a discrete step.
+        plant: finalised plant.
         part: the vehicle.
         terrain: the ground.
         friction: friction of the ground at the start [1].
@@ -61,5 +61,6 @@ class GroundTyres(TyreSystem):
             memory=GroundMemory,
             wheels=wheels,
             arguments=lambda _, again: (data, samples, contacts, again),
+            joints=True,
         )
         super().__init__(plant, part, bearing, friction=friction)

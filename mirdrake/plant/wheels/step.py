@@ -273,6 +273,7 @@ def tyre_step(
             motion.rolling,
             drive,
             brake,
+            wheel.damping,
             period,
         )
         # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
@@ -316,6 +317,7 @@ def slip_forces(
     radius: float,
     drive: float,
     brake: float,
+    damping: float,
     period: float,
 ) -> tuple[float, float, float, float, float, float]:
     """Return forces and slips of a tyre in the middle of a step, and the torque of motor and brake on its spin.
@@ -333,6 +335,7 @@ def slip_forces(
         radius: effective rolling radius [m].
         drive: drive torque, signed [N m].
         brake: largest torque of the brake [N m].
+        damping: of the spin, by servo and bearing at the end of the step [N m s/rad].
         period: step of the plant [s].
 
     Returns:
@@ -352,7 +355,7 @@ def slip_forces(
     kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
 
     # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
-    mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
+    mobile = inf if wheel.held else wheel.inertia / period + damping
     bend = 0.0
     if not wheel.held and wheel.coulomb:
         kappa, bend = _sticking_slip(

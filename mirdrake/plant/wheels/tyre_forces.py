@@ -8,28 +8,31 @@ The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer, ZeroOrderHold
 
 from mirdrake.core.compiled import Records, compiled, plain, record_type, records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
-from mirdrake.plant.plant import TyreSpring, VehicleInPlant
+from mirdrake.plant.plant import TyreSpring, VehicleInPlant, solves_joints
 from mirdrake.plant.rear_steering import REAR_STEERING
 from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheels.joint_step import JointMemory, StiffJoint
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
 from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
 from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
 from mirdrake.tyres.relaxation import Contact, RelaxationSettings
 from mirdrake.vehicles import WHEELS
+from mirdrake.vehicles.joint_control import ServoGains
 from mirdrake.worlds.world import SURFACE_MU
 
 REFERENCE_FRICTION = SURFACE_MU["asphalt"]
@@ -76,6 +79,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
         # Inertia about the centre of mass; the axle is y of the body. Rotor and servo act on the spin as well.
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        # In a continuous plant servo and bearing are solved by the step itself, see ground_step.
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
         compression = part.compression[rear]
         # A vertical tyre has its own force; the spring is that of Drake's contact.
@@ -94,7 +98,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
             SpinningWheel(
                 wheel_place,
                 float(tensor[1, 1] + actuator.default_reflected_inertia()),
-                float(gain + joint.default_damping()),
+                float(gain + joint.default_damping()) if solves_joints(plant) else 0.0,
                 part.parked,
                 geometry.wheel_radii[index],
                 spring,
@@ -108,6 +112,38 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
             )
         )
     return wheels
+
+
+def make_stiff_joints(plant: MultibodyPlant, part: VehicleInPlant) -> list[StiffJoint]:
+    """Return the wheels, then the joints of steering and suspension of a vehicle in a finalised continuous plant."""
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    mobility = np.linalg.inv(plant.CalcMassMatrix(context))
+    actuators = {
+        actuator.joint().index(): actuator
+        for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices(part.instance))
+    }
+    first = min(actuator.input_start() for actuator in actuators.values())
+    joints = []
+    for joint in (*part.wheels, *part.steering, *part.suspension):
+        actuator = actuators.get(joint.index())
+        gains = part.servos.get(joint.index(), ServoGains(0.0, 0.0))
+        velocity = joint.velocity_start()
+        joints.append(
+            StiffJoint(
+                joint.position_start(),
+                velocity,
+                float(1.0 / mobility[velocity, velocity]),
+                float(joint.default_damping_vector()[0]),
+                gains.stiffness,
+                gains.damping,
+                float(joint.position_lower_limits()[0]),
+                float(joint.position_upper_limits()[0]),
+                -1 if actuator is None else actuator.input_start() - first,
+                0.0 if actuator is None else float(actuator.effort_limit()),
+            )
+        )
+    return joints
 
 
 def wheel_laws(part: VehicleInPlant) -> tuple[SteadyLaw, list[TyreLaw]]:
@@ -130,21 +166,27 @@ def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
 
 
 class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Equations of a step of the tyres of a vehicle, as one function without a state.
+    """Equations of a step of the tyres of a vehicle, as one function.
 
     Each call from Drake into Python takes about as long as the equations, so there is one a step. The rest of a
     :class:`TyreSystem` are blocks of Drake.
 
+    In a discrete plant the solution is an output for the present state of the plant, and the memory is outside of this
+    system. In a continuous plant the solution is a state, constant during a step of the plant, with the memory in it;
+    servos, dampers and limits of the joints are solved as well.
+
     Input ports:
         given: state of the plant, prescribed steering of the rear wheels if they are steered, friction of the ground
-            under each wheel, inputs of the step, memory of the wheels.
-        wheel_torque, actuation: as those of :class:`TyreSystem`.
+            under each wheel, inputs of the step; in a discrete plant the memory of the wheels, in a continuous one
+            torques and set-points of the actuators.
+        wheel_torque: as that of :class:`TyreSystem`.
+        actuation: the same, in a discrete plant.
     Output ports:
         solution: generalised forces; memory of the wheels; quantities of :data:`FORCES` of each wheel; torques of the
-            rolling resistance; loads.
+            rolling resistance; loads; in a continuous plant torques of the actuators and memory of the joints.
 
     Args:
-        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
+        plant: finalised plant, its wheels' spin axes along y of their bodies.
         part: the vehicle.
         bearing: what bears the wheels.
     """
@@ -157,65 +199,124 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
         mass = plant.CalcTotalMass(context, [part.instance])
         centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
-        car = records(SpinningCar, [SpinningCar(plant.time_step(), plant.num_positions(), mass, centre)])
+        car = records(SpinningCar, [SpinningCar(part.period, plant.num_positions(), mass, centre)])
 
         # The law, compiled into the step, and the curves of the tyres at their loads.
         law, self._laws = wheel_laws(part)
         self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
         self._curves = np.zeros(count, curve_type(law))
         self._curves["load"] = np.nan  # not evaluated yet
+        self._nodes: list[tuple[float, ...]] = [()] * count  # loads, inclinations and frictions of the curves
         # Wheels with the same law share their curves.
         known: dict[int, dict[tuple[float, float, float], Any]] = {id(law): {} for law in self._laws}
         self._known = [known[id(law)] for law in self._laws]
 
-        # Ports. Their vectors are copied to and from arrays of which the arguments of the step are views.
-        memory = count * record.itemsize // np.dtype(float).itemsize
+        # Vectors of the ports are copied to and from arrays of which the arguments of the step are views.
+        memory, motors = count * record.itemsize // np.dtype(float).itemsize, plant.num_actuators(part.instance)
+        joints = records(StiffJoint, [] if solves_joints(plant) else make_stiff_joints(plant, part))
+        of_joints = len(joints) * len(JointMemory._fields)
         rear = len(REAR_STEERING) if part.vehicle.spec.steering.rear is not None else 0
-        self.given_sizes = [plant.num_multibody_states(), rear, count, bearing.inputs, memory]
+        self.given_sizes = [plant.num_multibody_states(), rear, count, bearing.inputs]
         self.solution_sizes = [plant.num_velocities(), memory, count * len(FORCES), count, count]
-        self._given, _, _, self._friction, measured, before = _views(self.given_sizes)
+        if solves_joints(plant):
+            self.given_sizes.append(memory)
+            self._given, _, _, self._friction, measured, wheels_before = _views(self.given_sizes)
+            self._efforts, self._desired = np.zeros(motors), np.zeros(2 * motors)
+            self._solution, force, self._after, logged, resistances, loads = _views(self.solution_sizes)
+            actuation, joints_before, joints_after = (np.zeros(0) for _ in range(3))
+        else:
+            self.given_sizes += [motors, 2 * motors]
+            self.solution_sizes += [motors, of_joints]
+            self._given, _, _, self._friction, measured, self._efforts, self._desired = _views(self.given_sizes)
+            self._solution, force, self._after, logged, resistances, loads, actuation, joints_after = _views(
+                self.solution_sizes
+            )
+            self._before, wheels_before, joints_before = _views([memory, of_joints])
+            self._joints, self._positions, self._period = joints, plant.num_positions(), part.period
         x = self._given[: plant.num_multibody_states() + rear]
-        self._solution, force, self._after, logged, resistances, loads = _views(self.solution_sizes)
         self._after = self._after.view(record)
-        self._torques, self._efforts = np.zeros(2 * count), np.zeros(plant.num_actuators(part.instance))
-        tyres = (self._torques, self._efforts, self._friction, car, bearing.wheels, self._curves, before.view(record))
-        results = (force, self._after, logged.reshape(count, len(FORCES)), resistances, loads)
+        self._torques = np.zeros(2 * count)
+        wheels = (bearing.wheels, self._curves, wheels_before.view(record))
+        tyres = (self._torques, self._efforts, self._friction, car, *wheels)
+        results: tuple[Any, ...] = (force, self._after, logged.reshape(count, len(FORCES)), resistances, loads)
+        if bearing.joints:
+            was, will_be = (part.view(record_type(JointMemory)) for part in (joints_before, joints_after))
+            results += (self._desired, joints, was, will_be, actuation)
         self._arguments = [(x, *bearing.arguments(measured, again=again), *tyres, *results) for again in (False, True)]
 
         torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
         self.given = self.DeclareVectorInputPort("given", sum(self.given_sizes))
         self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
-        self.actuation = self.DeclareVectorInputPort("actuation", len(self._efforts))
-        self.solution = self.DeclareVectorOutputPort("solution", len(self._solution), self._calc)
+        if solves_joints(plant):
+            self.actuation = self.DeclareVectorInputPort("actuation", motors)
+            self.solution = self.DeclareVectorOutputPort("solution", len(self._solution), self._calc)
+        else:
+            self.actuation = None
+            state = self.DeclareDiscreteState(len(self._solution))
+            self.solution = self.DeclareStateOutputPort("solution", state)
+            first = plant.num_velocities()
+            end = first + sum(self.solution_sizes[1:5])
+            # Memory of wheels and joints in the solution.
+            self._kept = [slice(first, first + memory), slice(end + motors, end + motors + of_joints)]
+            self.DeclareInitializationDiscreteUpdateEvent(self._start)
+            self.DeclarePeriodicDiscreteUpdateEvent(part.period, 0.0, self._update)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        """Compute the forces of a step, its memory and its logged quantities."""
+        assert self.actuation is not None
         self._given[:] = self.given.Eval(context)
-        self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
         self._efforts[:] = self.actuation.Eval(context) if self.actuation.HasValue(context) else 0.0
+        self._solve(context)
+        output.SetFromVector(self._solution)
+
+    def _start(self, context: Context, state: DiscreteValues) -> None:
+        """Compute the forces for the outputs before the first step, without memory and without servos."""
+        self._before[:] = 0.0
+        self._given[:] = self.given.Eval(context)
+        # Set-points that the joints have already: the control unit may not have its own yet.
+        x, joints = self._given, self._joints
+        for joint in joints[joints["actuator"] >= 0]:
+            v = x[self._positions + joint["velocity"]]
+            self._desired[joint["actuator"]] = x[joint["position"]] + self._period * v
+            self._desired[len(self._efforts) + joint["actuator"]] = v
+        self._solve(context)
+        for kept in self._kept:
+            self._solution[kept] = 0.0
+        state.set_value(0, self._solution)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        last = context.get_discrete_state(0).value()
+        wheels, joints = self._kept
+        self._before[: wheels.stop - wheels.start] = last[wheels]
+        self._before[wheels.stop - wheels.start :] = last[joints]
+        self._given[:] = self.given.Eval(context)
+        self._solve(context)
+        state.set_value(0, self._solution)
+
+    def _solve(self, context: Context) -> None:
+        """Compute the forces of a step, its memory and its logged quantities."""
+        self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
         first, again = self._arguments
         # The step reports loads without a valid curve; curves are made in Python, then the step is repeated.
         if not self.step(*first):
             self._make_curves()
             if not self.step(*again):  # the state is NaN
                 self._solution.fill(np.nan)
-        output.SetFromVector(self._solution)
 
     def _make_curves(self) -> None:
         """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
         after = self._after
-        for i, law in enumerate(self._laws):
-            node = float(after["load"][i]), float(after["inclination"][i]), float(self._friction[i])
-            curve, known = self._curves[i], self._known[i]
-            if (curve["load"], curve["inclination"], curve["friction"]) == node or not np.isfinite(node).all():
+        nodes = zip(after["load"].tolist(), after["inclination"].tolist(), self._friction.tolist(), strict=True)
+        for i, node in enumerate(nodes):
+            if self._nodes[i] == node or not all(map(isfinite, node)):
                 continue
+            law, known = self._laws[i], self._known[i]
             if node not in known:
                 # A bound of memory; curves are cheap to make again.
                 if len(known) >= _MOST_CURVES:
                     known.clear()
                 tyre = law(*node)
                 known[node] = np.array((*node, plain(tyre.contact), plain(tyre.curve)), self._curves.dtype)
-            self._curves[i] = known[node]
+            self._curves[i], self._nodes[i] = known[node], node
 
 
 def _views(sizes: Sequence[int]) -> tuple[Any, ...]:
@@ -235,6 +336,7 @@ class Bearing:
         wheels: wheels of the vehicle, for `step`.
         arguments: (vector of its inputs, whether the step is repeated) -> arguments of `step` of its own.
         inputs: number of its inputs.
+        joints: whether `step` can solve servos, dampers and limits of joints, which a continuous plant needs.
     """
 
     step: Callable[..., bool]
@@ -243,6 +345,7 @@ class Bearing:
     wheels: Records
     arguments: Callable[..., tuple[Any, ...]]
     inputs: int = 0
+    joints: bool = False
 
 
 class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
@@ -254,10 +357,13 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         plant_state: the plant's state, positions and velocities.
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
-        actuation: torques of the actuators of the vehicle, which the plant applies [N m]; zeros if it is not connected.
+        actuation: torques of the actuators of the vehicle without their servos [N m]. A discrete plant applies them as
+            well; there they are zeros if the port is not connected.
+        desired_state: in a continuous plant, set-points of the servos, positions [rad], then velocities [rad/s].
         rear_steering (4): :data:`mirdrake.plant.rear_steering.REAR_STEERING`, if the vehicle steers its rear wheels.
     Output ports:
         generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
+        net_actuation: in a continuous plant, torques of the actuators with their servos, for the plant [N m].
         tyre_forces (20): quantities of :data:`FORCES` for each wheel, of the last step.
         resistance (4) [N m]: torque of the rolling resistance about each axle, of the last step.
         wheel_load (4) [N]: load of each wheel along the normal of the ground, of the last step.
@@ -268,7 +374,7 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
     Axes and signs are those of :mod:`mirdrake.tyres.magic_formula`, ISO 8855 at the contact centre.
 
     Args:
-        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
+        plant: finalised plant, its wheels' spin axes along y of their bodies.
         part: the vehicle.
         bearing: what bears its wheels.
         friction: friction of the ground at the start [1].
@@ -286,31 +392,38 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         builder.AddNamedSystem("equations", equations)
         ground = np.full(len(WHEELS), friction / REFERENCE_FRICTION)
         road = builder.AddNamedSystem(_FRICTION, ConstantVectorSource(ground))
-        force, *held = equations.solution_sizes
-        split = builder.AddNamedSystem("split", Demultiplexer([force, sum(held)]))
-        memory = builder.AddNamedSystem("memory", ZeroOrderHold(plant.time_step(), sum(held)))
-        last = builder.AddNamedSystem("last", Demultiplexer(held))
         # A multiplexer has no input without elements.
         sizes = equations.given_sizes
         given = builder.AddNamedSystem("given", Multiplexer([size for size in sizes if size]))
         steered = int(sizes[1] > 0)
-
         builder.Connect(road.get_output_port(), given.get_input_port(1 + steered))
-        builder.Connect(last.get_output_port(0), given.get_input_port(given.num_input_ports() - 1))
         builder.Connect(given.get_output_port(), equations.given)
+        force, *held = equations.solution_sizes
+        split = builder.AddNamedSystem("split", Demultiplexer([force, sum(held)]))
+        last = builder.AddNamedSystem("last", Demultiplexer(held))
         builder.Connect(equations.solution, split.get_input_port())
-        builder.Connect(split.get_output_port(1), memory.get_input_port())
-        builder.Connect(memory.get_output_port(), last.get_input_port())
+        if solves_joints(plant):
+            memory = builder.AddNamedSystem("memory", ZeroOrderHold(part.period, sum(held)))
+            builder.Connect(split.get_output_port(1), memory.get_input_port())
+            builder.Connect(memory.get_output_port(), last.get_input_port())
+            builder.Connect(last.get_output_port(0), given.get_input_port(given.num_input_ports() - 1))
+        else:
+            builder.Connect(split.get_output_port(1), last.get_input_port())
         builder.ExportInput(given.get_input_port(0), "plant_state")
         builder.ExportInput(equations.wheel_torque, "wheel_torque")
-        builder.ExportInput(equations.actuation, "actuation")
+        count = given.num_input_ports()
+        builder.ExportInput(equations.actuation or given.get_input_port(count - 2), "actuation")
         if bearing.inputs:
             builder.ExportInput(given.get_input_port(2 + steered), "bearing")
         if steered:
             builder.ExportInput(given.get_input_port(1), "rear_steering")
+        if equations.actuation is None:
+            builder.ExportInput(given.get_input_port(count - 1), "desired_state")
         builder.ExportOutput(split.get_output_port(0), "generalized_force")
         for index, name in enumerate(("tyre_forces", "resistance", "wheel_load"), start=1):
             builder.ExportOutput(last.get_output_port(index), name)
+        if equations.actuation is None:
+            builder.ExportOutput(last.get_output_port(4), "net_actuation")
         builder.BuildInto(self)
 
         # BuildInto replaces the contents of the Diagram, so ports can be kept only afterwards.

@@ -1,15 +1,14 @@
-"""Loads and rolling resistances of the wheels of all vehicles, and contacts of their other parts."""
+"""Measured loads of the wheels of all vehicles, and contacts of their other parts."""
 
 from collections.abc import Collection, Sequence
 
-import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.core.leaf_system import LeafSystem
-from mirdrake.core.signals import Signal, declare_state_output, declare_vector_output
+from mirdrake.core.signals import Signal, declare_state_output
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.vehicles import WHEELS
 
@@ -18,15 +17,12 @@ LOAD_PERIOD = 0.1
 
 
 class WheelReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Wheel loads and rolling resistances of all vehicles, and contacts of their other parts.
+    """Measured wheel loads of all vehicles, and contacts of their other parts.
 
     Input ports:
         contact_results: the plant's contact results (abstract).
-        resistance_<vehicle> (4) [N m]: of the tyres of each vehicle.
-        wheel_load_<vehicle> (4) [N]: of :class:`mirdrake.plant.wheels.GroundTyres`, unless this system measures loads.
     Output ports:
-        wheel_load (4 a vehicle) [N]: normal loads, measured every `period` or those of the inputs.
-        resistance (4 a vehicle) [N m]: torques of the rolling resistance about the axles.
+        wheel_load (4 a vehicle) [N]: normal loads, measured every `period`; only if this system measures.
         other_contacts (1) [1]: number of contacts of vehicles that are not tyres on the road, updated every `period`.
 
     Args:
@@ -52,38 +48,13 @@ class WheelReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
         # Without a row, a contact of a wheel counts as one of other parts.
         tyres = [tyre for part in vehicles for tyre in part.tyres] if measures else []
         self._row = {tyre: index for index, tyre in enumerate(tyres)}
-        count = len(WHEELS)
         self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
-        self.resistance_inputs = [self.DeclareVectorInputPort(f"resistance_{name}", count) for name in names]
         self._others, self._loads = self.DeclareDiscreteState(1), self.DeclareDiscreteState(len(tyres))
         loads = [Signal(f"{name}.wheel_load.{wheel}", "N", "normal load") for name in names for wheel in WHEELS]
-        torques = [
-            Signal(f"{name}.resistance_torque.{wheel}", "N m", "about the axle") for name in names for wheel in WHEELS
-        ]
         others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
-        self.resistance = declare_vector_output(
-            self,
-            "resistance",
-            torques,
-            self._join_resistance,
-            prerequisites=[port.ticket() for port in self.resistance_inputs],
-        )
         self.other_contacts = declare_state_output(self, "other_contacts", others, self._others)
-        self.load_inputs = (
-            [] if measures else [self.DeclareVectorInputPort(f"wheel_load_{name}", count) for name in names]
-        )
-        if measures:
-            self.wheel_load = declare_state_output(self, "wheel_load", loads, self._loads)
-        else:
-            tickets = [port.ticket() for port in self.load_inputs]
-            self.wheel_load = declare_vector_output(self, "wheel_load", loads, self._join_load, prerequisites=tickets)
+        self.wheel_load = declare_state_output(self, "wheel_load", loads, self._loads) if measures else None
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-
-    def _join_resistance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate([port.Eval(context) for port in self.resistance_inputs]))
-
-    def _join_load(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate([port.Eval(context) for port in self.load_inputs]))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         # Contact results are those of the step that has just been solved.

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
@@ -62,7 +61,7 @@ class PlantBench:
         self.spec, self.kind = spec, kind
         # Assembled once; tests change values in a Context only.
         self.assembly = assemble(make_spec(spec.diagram))
-        self.simulator = Simulator(self.assembly.diagram)
+        self.simulator = self.assembly.make_simulator()
         self.plant = plant = self.assembly.parts.plant
         self.part = part = self.assembly.parts.vehicles[spec.vehicle]
         self.period = float(spec.period or 0.0)
@@ -312,7 +311,7 @@ class BenchProcess:
     ) -> None:
         self.bench, self.period, self.apart = bench, bench.period, apart
         self.context = bench.context(gains or dict.fromkeys(bench.spec.gains, 0.0), conditions)
-        self._simulator = Simulator(bench.assembly.diagram, self.context)
+        self._simulator = bench.assembly.make_simulator(self.context)
         self._simulator.Initialize()
         self._steps = 0
         self.measurement = bench.measured(self.context, apart=apart)

@@ -83,7 +83,7 @@ def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
     part = tuned_blocks(assembly)[block].block
     # The operating point is just before a whole period, so that all updates at that time belong to the next step.
     context = assembly.make_context()
-    simulator = Simulator(assembly.diagram, context)
+    simulator = assembly.make_simulator(context)
     simulator.Initialize()
     simulator.AdvanceTo((round(spec.course.step_time / period) - BEFORE) * period)
     own = part.GetMyMutableContextFromRoot(context)
@@ -100,7 +100,7 @@ def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
         inside = part.GetMyMutableContextFromRoot(changed)
         part.cut(inside, u)
         sources = part.values(inside)
-        return advanced_state(assembly.diagram, changed, period), sources
+        return advanced_state(assembly.make_simulator(changed), period), sources
 
     whole = StateSpace(*central_differences(advance, state_of(context), values), period)
     # Aliases are neglected, so the range ends below the Nyquist frequency.
@@ -157,7 +157,7 @@ def controller_model(model: BlockModel, gains: Mapping[str, float]) -> StateSpac
     def advance(x: Array, u: Array) -> tuple[Array, Array]:
         changed = prepared(x, u)
         y = np.array(output.Eval(changed))
-        return advanced_state(system, changed, model.period), y
+        return advanced_state(Simulator(system, changed), model.period), y
 
     # One period with the new parameters: a controller may adapt its state to a change of its gains.
     state, _ = advance(np.array(model.state), values)

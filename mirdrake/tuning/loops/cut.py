@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, InputPort, OutputPort
 
 from mirdrake.assembly.diagram import Assembly
@@ -56,7 +55,7 @@ class CutLoop:
         """
         context = self.assembly.make_context()
         change(context)
-        simulator = Simulator(self.assembly.diagram, context)
+        simulator = self.assembly.make_simulator(context)
         simulator.Initialize()
         # Just before a whole period, so that all updates at that time belong to the next step.
         simulator.AdvanceTo((max(round(time / self.period), 1) - BEFORE) * self.period)
@@ -67,7 +66,7 @@ class CutLoop:
             for port in self.readers:
                 port.FixValue(port.get_system().GetMyMutableContextFromRoot(changed), u)
             y = np.array(self.effort.Eval(source.GetMyContextFromRoot(changed)))
-            return advanced_state(self.assembly.diagram, changed, self.period), y
+            return advanced_state(self.assembly.make_simulator(changed), self.period), y
 
         value = np.array(self.effort.Eval(source.GetMyContextFromRoot(context)))
         model = StateSpace(*central_differences(advance, state_of(context), value), self.period)

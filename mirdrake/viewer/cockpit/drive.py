@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from mirdrake.assembly.diagram import assemble
@@ -92,7 +91,7 @@ class Cockpit:
         driver = systems[f"{NAME}.driver"]
         assert isinstance(driver, HumanDriver)
         self._driver, self._truth, self._control = driver, systems[f"{NAME}.truth"], systems[f"{NAME}.control"]
-        self._simulator = Simulator(self.assembly.diagram)
+        self._simulator = self.assembly.make_simulator()
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         self._simulator.set_monitor(self._watch)
         self._meshcat = meshcat
