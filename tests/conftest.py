@@ -31,7 +31,7 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("mirdrake")
 
 
-LONGEST = 2.5
+LONGEST = 1.5
 """Recorded processor time of a test up to which it is one of the fast tests [s]."""
 
 QUICK_FILE = 1.5
@@ -58,7 +58,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Mark tests as slow by their recorded times, before pytest chooses by marks; none while times are recorded."""
     if config.getoption("--times"):
         return
-    recorded = json.loads(TIMES.read_text(encoding="utf-8"))["tests over 2 s"]
+    recorded = json.loads(TIMES.read_text(encoding="utf-8"))["tests over 1 s"]
     for item in items:
         if recorded.get(item.nodeid, 0.0) > LONGEST and "essential" not in item.keywords:
             item.add_marker(pytest.mark.slow)
@@ -106,8 +106,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     for name, seconds in _RECORDED.items():
         file = Path(name.partition("::")[0]).name
         files[file] = files.get(file, 0.0) + seconds
-    slow = {name: round(seconds, 1) for name, seconds in sorted(_RECORDED.items()) if seconds > 2.0}
-    data = {"files": {name: round(seconds, 1) for name, seconds in sorted(files.items())}, "tests over 2 s": slow}
+    slow = {name: round(seconds, 1) for name, seconds in sorted(_RECORDED.items()) if seconds > 1.0}
+    data = {"files": {name: round(seconds, 1) for name, seconds in sorted(files.items())}, "tests over 1 s": slow}
     Path(target).write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
