@@ -32,7 +32,7 @@ def test_every_error_class_documents_its_meaning() -> None:
     ("given", "allowed", "tail"),
     [
         ("blot", ["unior", "bolt"], "did you mean 'bolt'? (allowed: bolt, unior)"),
-        ("tractor", ["unior", "bolt"], "(allowed: bolt, unior)"),
+        ("tractor", ["unior", "bolt"], "allowed: bolt, unior"),
         ("x", [], "nothing is available here"),
         (3, ["30"], "did you mean '30'? (allowed: 30)"),
         ("a", ["a", "a"], "did you mean 'a'? (allowed: a)"),
@@ -49,4 +49,4 @@ def test_a_long_list_is_cut_after_twelve_words() -> None:
 
 
 def test_a_name_with_a_line_break_stays_on_the_line_of_its_message() -> None:
-    assert did_you_mean("x", ["a\nb", "c"]) == "(allowed: a\\nb, c)"
+    assert did_you_mean("x", ["a\nb", "c"]) == "allowed: a\\nb, c"
