@@ -150,5 +150,5 @@ class TyreEnergy:
                 power -= (load - rubber) * 0.5 * (early.rate + late.rate)
                 power += fx * 0.5 * (early.vx - early.spin * early.rolling + late.vx - late.spin * late.rolling)
                 power += fy * 0.5 * (early.vy + late.vy)
-            self.work.append(self.work[-1] + plant.time_step() * power)
+            self.work.append(self.work[-1] + part.period * power)
         self._before = (contacts, elastic, damped)
