@@ -89,7 +89,7 @@ def test_the_force_of_a_solid_actor_is_that_of_its_hardest_braking(tmp_path: Pat
     drive, _ = crash(tmp_path, "solid", speed=3.0)
     times, bodies, actors = body_states(drive, 5.5)
     away = bodies[:, 0] - actors[:, 0]
-    assert away.max() > 1.0
+    assert away.max() > 0.8
     # Pushed away it comes back, at no more than 8 m/s² of its own.
     assert away[-1] < 0.7 * away.max()
     back = slice(int(away.argmax()), None)
