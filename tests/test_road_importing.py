@@ -367,6 +367,29 @@ def test_openscenario_names_a_parameter_or_map_that_is_missing(tmp_path: Path) -
         scenario(tmp_path, SCENARIO.replace("${speed}", "$sped"))
 
 
+@pytest.mark.parametrize(
+    ("expression", "fault"),
+    [
+        ("${$speed * (1 + $share)}", ""),
+        ("${$speed * 10 ..20}", "is not arithmetic on parameters"),
+        ("${round($speed)}", "'round' is not a number"),
+        ("${$speed / $sped}", "unknown parameter 'sped' in value; did you mean 'speed'"),
+        ("${$speed / 0}", "division by zero"),
+    ],
+)
+def test_openscenario_expressions_are_arithmetic_on_parameters(tmp_path: Path, expression: str, fault: str) -> None:
+    share = '<ParameterDeclaration name="share" parameterType="double" value="${1 / (1 + 1)}"/></ParameterDeclarations>'
+    text = SCENARIO.replace("${speed}", expression).replace("</ParameterDeclarations>", share)
+    if fault:
+        with pytest.raises(ConfigError, match=re.escape(fault)):
+            scenario(tmp_path, text)
+        return
+    plain = block(scenario(tmp_path, SCENARIO), "start")
+    value = re.compile(r"speed: ([\d.]+)")
+    (before,), (after,) = (value.findall("".join(rows)) for rows in (plain, block(scenario(tmp_path, text), "start")))
+    assert float(after) == pytest.approx(1.5 * float(before), rel=1e-6)
+
+
 def test_heights_of_a_closed_track_are_averaged_across_its_joint() -> None:
     angle = np.linspace(0.0, 2.0 * math.pi, 241)[:-1]
     places, length = 100.0 * np.column_stack((np.cos(angle), np.sin(angle))), 200.0 * math.pi

@@ -1,6 +1,7 @@
 """OpenSCENARIO 1.x files: parameters, entities with their catalogues, and positions on the road network.
 
-After ASAM OpenSCENARIO XML 1.0 to 1.3, chapters "Parameters", "Catalogs" and "Positions".
+After ASAM OpenSCENARIO XML 1.0 to 1.3, chapters "Parameters", "Expressions", "Catalogs" and "Positions". Expressions
+are arithmetic on parameters; functions are reported as faults.
 """
 
 import math
@@ -18,9 +19,12 @@ from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.networks import Lane, Network
 from mirdrake.worlds.pieces import Placement
 from mirdrake.worlds.props import prop_names
+from mirdrake.worlds.values import Number, Stream, evaluate, is_random
 
 _LARGEST = 20_000_000  # bytes
 _PARAMETER = re.compile(r"\$\{?\s*\$?(\w+)\s*\}?$")
+_NAME = re.compile(r"\$(\w+)")
+_NESTED = 10  # parameters that refer to one another
 _CATALOGUES = 50  # files of catalogues that are searched
 
 _PROPS = {
@@ -77,22 +81,34 @@ class Scenario:
         return self.document.where(element) if element in self.document.lines else display_path(self.path)
 
     def text(self, element: Element, key: str, default: str = "") -> str:
-        """Return an attribute with its parameter replaced.
+        """Return an attribute with its parameter, or its expression, replaced.
 
         Raises:
-            ConfigError: the parameter does not exist.
+            ConfigError: a parameter does not exist, or the expression is invalid.
         """
-        value = element.get(key, default)
-        # A parameter may refer to another one; the limit ends a circle of references.
-        for _ in range(10):
-            match = _PARAMETER.match(value.strip())
-            if match is None:
-                break
-            if match[1] not in self.parameters:
-                hint = did_you_mean(match[1], self.parameters)
-                raise ConfigError(f"{self.where(element)}: unknown parameter '{match[1]}' in {key}; {hint}")
-            value = self.parameters[match[1]]
-        return value.strip()
+        return self._resolved(element.get(key, default).strip(), element, key, 0)
+
+    def _resolved(self, value: str, element: Element, key: str, depth: int) -> str:
+        """Return the value of a parameter or of an expression, which may contain others; else the text itself."""
+        match = _PARAMETER.match(value)
+        is_expression = value.startswith("${") and value.endswith("}")
+        # The limit ends a circle of references.
+        if depth == _NESTED or not (match or is_expression):
+            return value
+        names = [match[1]] if match else _NAME.findall(value)
+        for name in names:
+            if name not in self.parameters:
+                hint = did_you_mean(name, self.parameters)
+                raise ConfigError(f"{self.where(element)}: unknown parameter '{name}' in {key}; {hint}")
+        values = {name: self._resolved(self.parameters[name].strip(), element, key, depth + 1) for name in names}
+        if match:
+            return values[match[1]]
+        # The expressions of world files are the same arithmetic, but a few forms are random there.
+        text, where = value[2:-1], f"{self.where(element)}: {key}"
+        if is_random(text):
+            raise ConfigError(f"{where}: '{value[:60]}' is not arithmetic on parameters (+ - * / and brackets)")
+        numbers = {name: _number_or_text(text) for name, text in values.items()}
+        return str(evaluate(text, parameters=numbers, stream=Stream(0, ""), where=where))
 
     def number(self, element: Element, key: str, default: float | None = None) -> float:
         """Return an attribute as a number.
@@ -143,6 +159,13 @@ class Scenario:
                 if element.get("name") == entry:
                     return element
         return None
+
+
+def _number_or_text(text: str) -> Number | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _entity(name: str, element: Element | None, entry: str, catalogue: str) -> Entity:

@@ -39,8 +39,7 @@ class Board:
         ego: name of the ego vehicle, and its name in the world.
         lanes: number of lanes to the left of where an entity begins, after the steps so far.
         referenced: entities that triggers refer to, except the ego vehicle.
-        ends: entity, and trigger of a step when its speed is reached, of each change of speed by the names of its
-            action and its event.
+        ends: end of each change of speed, by the names of its action and its event.
     """
 
     scenario: Scenario
@@ -51,7 +50,22 @@ class Board:
     ego: tuple[str, str]
     lanes: dict[str, int] = field(default_factory=dict)
     referenced: set[str] = field(default_factory=set)
-    ends: dict[str, tuple[str, str]] = field(default_factory=dict)
+    ends: dict[str, "SpeedEnd"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SpeedEnd:
+    """End of a change of speed.
+
+    Attributes:
+        actor: its actor.
+        trigger: trigger of a step when the speed is reached.
+        time: time of it [s]; None if the change begins with a distance.
+    """
+
+    actor: str
+    trigger: str
+    time: float | None
 
 
 def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
@@ -126,12 +140,12 @@ def _steps(board: Board, act: Element, event: Element, action: Element, actors: 
         raise NotRepresentedError("a step has one actor that is on the network")
     if actors[0] == board.ego[0]:
         raise NotRepresentedError("the driver of a test controls the ego vehicle")
-    trigger = _trigger(board, act, event, actors[0])
+    trigger, begin = _trigger(board, act, event, actors[0])
     speed, change = action.find(".//SpeedAction"), action.find(".//LaneChangeAction")
     if speed is not None:
         before = board.speeds.get(actors[0], 0.0)
-        text = _speed_change(board, speed, actors[0])
-        _note_end(board, event, action, actors[0], before)
+        text, duration = _speed_change(board, speed, actors[0])
+        _note_end(board, event, action, actors[0], before, None if begin is None else begin + duration)
     elif change is not None:
         text = _lane_change(board, change, actors[0])
     else:
@@ -139,8 +153,8 @@ def _steps(board: Board, act: Element, event: Element, action: Element, actors: 
     yield f"{{{trigger}, {text}}}"
 
 
-def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
-    """Return the trigger of an event as YAML.
+def _trigger(board: Board, act: Element, event: Element, actor: str) -> tuple[str, float | None]:
+    """Return the trigger of an event as YAML, and the time of it if that is known [s].
 
     Raises:
         NotRepresentedError: it is not one time, distance or headway.
@@ -149,7 +163,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
     rows = [c for trigger in (act.find("StartTrigger"), event.find("StartTrigger")) for c in _all(trigger)]
     rows = [row for row in rows if not _is_start(board.scenario, row)]
     if not rows:
-        return "at: 0 s"
+        return _at(0.0)
     if len(rows) > 1:
         raise NotRepresentedError("a step has one condition")
     # Each rejection below names the one reason, which the report shows beside the skipped event.
@@ -159,7 +173,8 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
         raise NotRepresentedError("the condition of a step holds from some time on; it has no falling edge")
     value, rule = board.scenario.number(leaf, "value", 0.0), leaf.get("rule", "")
     if leaf.tag == "SimulationTimeCondition" and rule in _ABOVE:
-        return f"at: {number(max(value, 0.0) + delay)} s"
+        # Becoming greater than a time and reaching it are the same instant.
+        return _at(max(value, 0.0) + delay)
     if leaf.tag == "StoryboardElementStateCondition":
         return _after_action(board, leaf, delay, actor)
     if leaf.tag not in {"RelativeDistanceCondition", "DistanceCondition", "TimeHeadwayCondition"} or rule not in _BELOW:
@@ -182,37 +197,43 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
     if leaf.tag == "TimeHeadwayCondition":
         behind = other if _is_ahead(board, actor, other) else actor
         speed = max(board.speeds.get(behind, 0.0), 0.1)
-        return f"when: {label} within {number(math.hypot(value * speed + boxes, aside) / speed)} s"
-    return f"when: {label} within {number(math.hypot(value + boxes, aside))} m"
+        return f"when: {label} within {number(math.hypot(value * speed + boxes, aside) / speed)} s", None
+    return f"when: {label} within {number(math.hypot(value + boxes, aside))} m", None
 
 
-def _note_end(board: Board, event: Element, action: Element, actor: str, before: float) -> None:
-    """Remember the trigger for steps that follow the end of a change of speed from `before` [m/s]."""
+def _at(time: float) -> tuple[str, float]:
+    return f"at: {number(time)} s", time
+
+
+def _note_end(board: Board, event: Element, action: Element, actor: str, before: float, time: float | None) -> None:
+    """Remember the end of a change of speed from `before` [m/s], for steps that follow it."""
     speed = board.speeds[actor]
     reached = f"speed > {number(speed - _NEAR)}" if speed > before else f"speed < {number(speed + _NEAR)}"
     # Names are unique within a storyboard as a rule; of several equal ones the last one counts.
     for element in (action, event):
         if element.get("name"):
-            board.ends[element.get("name", "")] = actor, f"when: {reached}"
+            board.ends[element.get("name", "")] = SpeedEnd(actor, f"when: {reached}", time)
 
 
-def _after_action(board: Board, leaf: Element, delay: float, actor: str) -> str:
-    """Return the trigger of an event that begins when a change of speed of the same actor has ended.
+def _after_action(board: Board, leaf: Element, delay: float, actor: str) -> tuple[str, float | None]:
+    """Return the trigger of an event that begins when a change of speed of the same actor has ended, and its time [s].
 
     Raises:
-        NotRepresentedError: it is another state, element or actor, or there is a delay.
+        NotRepresentedError: it is another state, element or actor, or there is a delay after an unknown time.
     """
     # The name in a reference may have those of the elements around it before it: maneuver::event::action.
     name = board.scenario.text(leaf, "storyboardElementRef").rpartition("::")[2]
     states = {"endTransition", "completeState"}
     if leaf.get("storyboardElementType") not in {"action", "event"} or leaf.get("state") not in states:
         raise NotRepresentedError("a step begins after an action or event has ended, not in other states")
-    owner, trigger = board.ends.get(name, ("", ""))
-    if owner != actor:
+    end = board.ends.get(name)
+    if end is None or end.actor != actor:
         raise NotRepresentedError("a step follows a change of speed of its own actor")
-    if delay:
-        raise NotRepresentedError("a condition of a step has no delay")
-    return trigger
+    if not delay:
+        return end.trigger, end.time
+    if end.time is None:
+        raise NotRepresentedError("a delay after the end of an action needs one that begins at a time")
+    return _at(end.time + delay)
 
 
 def _all(trigger: Element | None) -> Iterator[Element]:
@@ -255,8 +276,8 @@ def _aside(board: Board, first: str, second: str) -> float:
     return (other_y - y) * math.cos(yaw) - (other_x - x) * math.sin(yaw)
 
 
-def _speed_change(board: Board, action: Element, actor: str) -> str:
-    """Return a change of speed at a constant rate."""
+def _speed_change(board: Board, action: Element, actor: str) -> tuple[str, float]:
+    """Return a change of speed at a constant rate, and its duration [s]."""
     dynamics, target = action.find("SpeedActionDynamics"), action.find("SpeedActionTarget")
     if dynamics is None or target is None:
         raise NotRepresentedError("no dynamics or no target")
@@ -284,7 +305,9 @@ def _speed_change(board: Board, action: Element, actor: str) -> str:
         raise NotRepresentedError("without effect: the speed does not change, or its rate is 0")
     # Later actions of this entity and relative targets begin with this speed.
     board.speeds[actor] = speed
-    return f"change_speed: {{to: {number(max(speed, 0.0))}, rate: {number(min(rate, _STEP_RATE))}}}"
+    rate = min(rate, _STEP_RATE)
+    text = f"change_speed: {{to: {number(max(speed, 0.0))}, rate: {number(rate)}}}"
+    return text, abs(max(speed, 0.0) - before) / rate
 
 
 def _lane_change(board: Board, action: Element, actor: str) -> str:
