@@ -91,12 +91,14 @@ def test_columns_with_known_names_and_units_need_no_mapping(tmp_path, capsys):
         (["log.csv", "--map", "vx=v:m/s", "--time", "time", "--step", "1"], "--step: --time names a clock already"),
         (["log.csv", "--map", "vx=v:m/s", "--repairs", "delay"], "unknown repair 'delay'; did you mean 'delays'"),
         (["none.csv"], "none.csv: no such file"),
+        (["other.csv", "--map", "vx=v:m/s"], "other.csv: has no column 'time'; name the clock with --time COLUMN:UNIT"),
         (["drives.yaml", "--map", "vx=v:m/s"], "--map: drives.yaml has its own mapping"),
     ],
 )
 def test_bad_input_of_a_check_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.csv").write_text("time,v\n" + "".join(f"{0.1 * i:.1f},{i}\n" for i in range(50)))
+    (tmp_path / "other.csv").write_text("t_s,v\n0.0,1\n0.1,2\n")
     (tmp_path / "drives.yaml").write_text(DATA, encoding="utf-8")
     assert main(["identify", "check", *arguments]) == 2
     error = capsys.readouterr().err

@@ -207,7 +207,7 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
     def shifted(names: Collection[str]) -> Statement | None:
         """Return the repair of these channels; None if none is shifted."""
         texts = [f"{name} by {-1e3 * shifts[name]:+.3g} ms" for name in names if name in shifts]
-        words = ", by all logs together" if together else ""
+        words = ", estimated from all logs together" if together else ""
         own = {name: shifts[name] for name in names if name in shifts}
         return statement("shifted", shifts=", ".join(texts), together=words, **own) if repair and texts else None
 

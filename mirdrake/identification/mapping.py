@@ -65,8 +65,13 @@ def map_log(
             # A name alone is not enough: ax could be in g. Columns are guessed only if they also state a unit.
             if found is not None and _has_unit(table, name, found) and found not in channels and name not in used:
                 channels[found] = {"column": name}
+        names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
+        if time == {"column": "time"} and "time" not in table.names:
+            raise ConfigError(
+                f"{display_path(path)}: has no column 'time'; name the clock with --time COLUMN:UNIT, or give --step; "
+                f"columns are {names}"
+            )
         if not channels:
-            names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
             raise ConfigError(
                 f"{display_path(path)}: no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}"
             )
