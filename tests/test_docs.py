@@ -5,6 +5,7 @@ import json
 import re
 import shlex
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,16 @@ def test_links_have_targets(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_a_term_has_one_row_in_the_glossary():
+    """Keys in code spans are not terms: a key may occur in several files, with different meanings."""
+    text = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    cells = [line.split(" | ")[0].removeprefix("| ") for line in text.splitlines() if line.startswith("| ")]
+    terms = [part for cell in cells if cell != "term" for part in re.sub(r"\([^)]*\)", "", cell).split(",")]
+    counted = Counter(" ".join(term.split()) for term in terms if "`" not in term)
+    assert [term for term, count in counted.items() if count > 1] == []
+    assert len(counted) > 200
 
 
 def test_the_container_has_the_system_packages_that_the_pages_name():
