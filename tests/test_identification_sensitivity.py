@@ -13,7 +13,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.sensitivity import assumption_effects, expected_square
-from mirdrake.identification.estimators.solve import solve
+from mirdrake.identification.estimators.solve import assess, minimise, solve
 from mirdrake.identification.identifiability import CALIBRATION
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.models.base import Assumption, Segment
@@ -72,6 +72,29 @@ def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
     # It does not depend on the log: a real bend gives the same shift.
     _, bent = effects(Line(), 0.3, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+def test_the_interval_of_a_robust_fit_is_that_of_an_m_estimator(loss):
+    """One noise in five is five times as large; the variance is E ψ² / (E ψ')² over Σ x² (Huber, 1964)."""
+    random, width = np.random.default_rng(5), 2.5
+    x = np.tile([1.0, 2.0], 10 * COUNT)
+    noise = random.normal(0.0, NOISE, len(x)) * np.where(random.random(len(x)) < 0.2, 5.0, 1.0)
+    log = Segment("line", "train", 0.0, 0.01, {"x": x}, {"y": 3.0 * x + noise})
+    model = Line(curved=False)
+    problem = Problem(model, [log], resolve_parameters(model.parameters, {}), {"y": NOISE}, False)
+    options = replace(LINEAR, loss=loss)
+    sigma = float(assess(minimise(problem, options), options).covariance[0, 0]) ** 0.5
+
+    def score(r):
+        return np.clip(r, -width, width) if loss == "huber" else r / np.sqrt(1.0 + (r / width) ** 2)
+
+    def mean(of):
+        return quad(lambda r: of(r) * (0.8 * norm.pdf(r) + 0.2 * norm.pdf(r, 0.0, 5.0)), -60.0, 60.0, limit=500)[0]
+
+    slope = mean(lambda r: (score(r + 1e-5) - score(r - 1e-5)) / 2e-5)
+    expected = NOISE * (mean(lambda r: score(r) ** 2) / slope**2 / float(x @ x)) ** 0.5
+    assert sigma == pytest.approx(expected, rel=0.01)
 
 
 class SumLine(Line):

@@ -174,6 +174,16 @@ def loss_weights(residuals: Array, loss: str) -> Array:
     return np.asarray((1.0 + ratio**2) ** -0.5)
 
 
+def loss_curvature(residuals: Array, loss: str) -> Array:
+    """Return the second derivative of half the robust loss by each residual, ψ' for the score ψ = weight · residual."""
+    if loss == "linear":
+        return np.ones(len(residuals))
+    ratio = np.abs(residuals) / _ROBUST[loss]
+    if loss == "huber":
+        return np.asarray((ratio <= 1.0).astype(np.float64))
+    return np.asarray((1.0 + ratio**2) ** -1.5)
+
+
 def inverse(matrix: Array) -> Array:
     """Invert a positive semidefinite matrix; its null directions get a very large value."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -183,7 +193,12 @@ def inverse(matrix: Array) -> Array:
 
 
 def assess(found: Minimum, options: EstimatorOptions) -> Solution:
-    """Return the uncertainty of a minimum."""
+    """Return the uncertainty of a minimum.
+
+    An M-estimator with the scores Σ Jₜᵀ ψ(rₜ) has the covariance H⁻¹ G H⁻¹ with H = Σ ψ'(rₜ) Jₜᵀ Jₜ and the covariance
+    G of the scores (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2nd ed., 2009, sections 6.3 and 7.6). The
+    weights ψ(r) / r of iterated least squares in place of ψ' would make H too large, and the intervals too narrow.
+    """
     problem, z = found.problem, found.z
     p = len(problem.free)
     residuals, jacobian = problem.residuals(z), problem.jacobian(z)
@@ -198,11 +213,11 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
         )
         bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
 
-    # Information of the measurements with their robust weights, and of the priors.
+    # Information of the measurements with the curvature of the robust loss, and of the priors.
     data = problem.measured
-    weights = loss_weights(residuals, options.loss)
-    weights[data:] = 1.0
-    inner = jacobian * np.sqrt(weights)[:, None]
+    weights, curvature = (of(residuals, options.loss) for of in (loss_weights, loss_curvature))
+    curvature[data:] = 1.0
+    inner = jacobian * np.sqrt(curvature)[:, None]
     information = inner.T @ inner
     prior = inner[data:].T @ inner[data:]
     whole = inverse(information)
