@@ -8,9 +8,13 @@ import pytest
 
 from benchmarks.calibration.baseline import fit_baseline, simulate
 from benchmarks.calibration.cases import draw_case
+from benchmarks.calibration.record import record, with_ratio
 from benchmarks.calibration.run import ParameterRow, Row, run_case
 from benchmarks.calibration.table import make_table
 from benchmarks.calibration.truth import GRAVITY, STEP, Vehicle, drive
+from mirdrake.identification.data import make_data
+from mirdrake.identification.models.first_guess import guess_steering
+from mirdrake.identification.study import embedded_data, load_identification
 
 CAR = Vehicle("linear", 1500.0, 1.2, 1.5, 2500.0, 8e4, 1e5, height=0.5, roll_gain=0.007)
 
@@ -45,16 +49,17 @@ def test_a_seed_has_one_case_and_the_vehicles_are_plausible():
         assert math.isfinite(case.speed)
 
 
-def test_the_baseline_is_the_same_single_track_and_recovers_it(tmp_path):
+@pytest.mark.parametrize("wheelbase", [2.7, None])
+def test_the_baseline_is_the_same_single_track_and_recovers_it(tmp_path, wheelbase):
     car = Vehicle(**{**vars(CAR), "front": 1.35, "rear": 1.35, "delay": 0.03})
-    time = STEP * np.arange(10_000)
+    time = STEP * np.arange(5_000)
     motion = drive(car, 15.0 + np.sin(0.4 * time), 0.02 * np.sin(0.1 * time**2) + 0.01 * np.sin(0.7 * time))
     log = pd.DataFrame({"time": time, "vx": motion.speed, "steer": motion.command, "yaw_rate": motion.yaw_rate})[::5]
     values = np.log([car.stiffness_front / car.mass, car.stiffness_rear / car.mass, car.yaw_inertia / car.mass, 1.0])
-    model = simulate(np.append(values, [0.0, 0.03]), log, "steer", 2.7)
+    model = simulate(np.array([*values, 0.0, 0.03, np.log(2.7)]), log, "steer")
     assert model == pytest.approx(log["yaw_rate"].to_numpy(), abs=0.02 * log["yaw_rate"].abs().max())
     log.to_parquet(tmp_path / "log.parquet")
-    assert fit_baseline([tmp_path / "log.parquet"], tmp_path / "log.parquet", "steer", 2.7) > 98.0
+    assert fit_baseline([tmp_path / "log.parquet"], tmp_path / "log.parquet", "steer", wheelbase) > 98.0
 
 
 def test_the_table_counts_coverage_and_wrong_decisions():
@@ -84,3 +89,12 @@ def test_sixty_cases_run_through():
     rows = [run_case(seed) for seed in range(60)]
     assert "coverage, identified" in make_table(rows)
     assert sum(row["status"] == "fitted" for row in rows) > 45
+
+
+def test_the_first_guess_of_the_steering_ratio_is_near_where_one_speed_hides_the_understeer(tmp_path):
+    """Seed 2054: gain and understeer are hardly separable, and a free regression had a gain 90 times too small."""
+    case = with_ratio(draw_case(2054))
+    spec = load_identification(record(case, tmp_path))
+    guess = guess_steering(make_data(embedded_data(spec), tmp_path).train, case.sensors.steering)
+    assert guess is not None
+    assert 0.5 < guess.gain * case.vehicle.ratio * case.vehicle.wheelbase < 2.0

@@ -167,7 +167,9 @@ def run_case(seed: int) -> Row:
         row["seconds"] = time.process_time() - begun
         files = sorted(folder.glob("log_*.parquet"))
         try:
-            row["baseline"] = fit_baseline(files[:-1], files[-1], case.sensors.steering, case.vehicle.wheelbase)
+            # The baseline knows what the study knows.
+            wheelbase = None if case.knowledge == "nothing" else case.vehicle.wheelbase
+            row["baseline"] = fit_baseline(files[:-1], files[-1], case.sensors.steering, wheelbase)
         except (ValueError, np.linalg.LinAlgError) as error:
             row["message"] = f"baseline: {error}"
     truth = true_values(case, result.fit)

@@ -42,6 +42,9 @@ _SLOW = 0.5
 _HELD = 10.0
 """Weight that keeps K v² near zero: the noise of neighbouring rows is correlated."""
 
+_UNDERSTEER = (-0.5, 4.0)
+"""Range of K v² at the highest speed [1]: twice the characteristic speed, 0.7 of the critical one."""
+
 _BIAS = 0.02
 """Usual bias of a gyro [rad/s]."""
 
@@ -101,8 +104,11 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     if plain[0] <= 0.0:
         return None
     solved = _robust(base, r, np.array([0.0, 0.0, 1.0 / _BIAS, _HELD / plain[0]]))
+    # Nearly one speed does not separate gain and understeer; the regression then has a gain of any size.
+    if not _UNDERSTEER[0] * solved[0] <= solved[3] <= _UNDERSTEER[1] * solved[0]:
+        solved = np.append(plain, 0.0)
     gain, at_middle = float(solved[0]), float(solved[1])
-    if gain <= 0.0 or np.corrcoef(base @ solved, r)[0, 1] < _ALIGNED:
+    if np.corrcoef(base @ solved, r)[0, 1] < _ALIGNED:
         return None
     return SteeringGuess(gain, at_middle - gain * middle, float(np.median(delays)), tightest)
 
