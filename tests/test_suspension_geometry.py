@@ -139,8 +139,8 @@ def test_the_contact_of_a_vertical_tyre_has_the_same_path() -> None:
         assert ground.path == pytest.approx(flat.path, abs=1e-12)
         assert ground.inclination == pytest.approx(flat.inclination, abs=1e-12)
         forces: list[list[float]] = [[0.0] * plant.num_velocities() for _ in range(2)]
-        add_road_force(forces[0], wheel, flat, 500.0, -1200.0, 40.0, 300.0, 0.0, -5.0, -200.0)
-        add_ground_force(forces[1], wheel, ground, (500.0, -1200.0, 300.0), 40.0, -5.0, 0.0, -200.0)
+        add_road_force(forces[0], wheel, flat, 500.0, -1200.0, 40.0, 300.0, 0.0, -5.0, -200.0, 70.0)
+        add_ground_force(forces[1], wheel, ground, (500.0, -1200.0, 300.0), 40.0, -5.0, 0.0, -200.0, 70.0)
         assert forces[1] == pytest.approx(forces[0], abs=1e-9 * 1e3)
 
 
@@ -216,6 +216,7 @@ def drive(
     *,
     speed: float,
     duration: float,
+    tyre: str | None = None,
 ) -> pd.DataFrame:
     """Return the signals of a Bolt on slip tyres with these keys added to its axles; only friction brakes brake it."""
     folder.mkdir()
@@ -228,6 +229,9 @@ def drive(
     for name, keys in (("front", front), ("rear", rear)):
         change["vehicle"]["suspension"][name] |= plain_numbers(keys)
     change["vehicle"]["powertrain"]["regeneration"] = None
+    if tyre is not None:
+        (folder / "own.tir").write_text(tyre, encoding="utf-8")
+        change["vehicle"]["tyres"]["file"] = "own.tir"
     control = {"kind": "schedule", "rows": control} if isinstance(control, list) else control
     (folder / "variants" / "x.yaml").write_text(yaml.safe_dump(change), encoding="utf-8")
     spec = {
@@ -255,12 +259,19 @@ def test_in_a_steady_turn_arms_take_the_share_of_their_roll_centres(tmp_path: Pa
     softness = {axle: plain["ego.roll"] / (transfer(plain, axle) * TRACK) for axle in heights}
     lifted = {axle: lateral[axle] * heights[axle] / springs[axle] for axle in heights}
     moment = sum(transfer(armed, axle) for axle in heights) * TRACK
-    assert moment == pytest.approx(HEIGHT * sum(lateral.values()), rel=0.05)  # and the shift of the weight by roll
+    overturning = sum(overturning_moments(armed, 0.088))
+    # The roll shifts the weight by another few percent.
+    assert moment == pytest.approx(HEIGHT * sum(lateral.values()) + overturning, rel=0.05)
     roll = (moment - sum(lifted[axle] / softness[axle] for axle in heights)) / sum(1.0 / s for s in softness.values())
     assert armed["ego.roll"] == pytest.approx(roll, rel=0.02)
     for axle in heights:
         assert transfer(armed, axle) * TRACK == pytest.approx((roll + lifted[axle]) / softness[axle], rel=0.02)
     assert roll < 0.9 * plain["ego.roll"]
+
+
+def overturning_moments(row: pd.Series, factor: float) -> list[float]:
+    """Return Mx = R0 N QSX3 Fy / FNOMIN of each tyre (4.E69) [N m], with QSX3 = `factor`."""
+    return [0.3234 * row[f"ego.wheel_load.{wheel}"] * factor * row[f"ego.tyre_fy.{wheel}"] / 4000.0 for wheel in WHEELS]
 
 
 def transfer(row: pd.Series, axle: str) -> float:
@@ -359,6 +370,25 @@ def with_axles(vehicle: Vehicle, front: Axle, rear: Axle) -> Vehicle:
     }
     spec = vehicle.spec.model_copy(update={"suspension": springs.model_copy(update=axles)})
     return replace(vehicle, spec=spec)
+
+
+def test_the_overturning_moment_of_the_tyres_adds_to_the_load_transfer(tmp_path: Path) -> None:
+    turn = {"kind": "constant", "speed": 12.0, "steering": 0.07}
+    text = (data_root() / "models" / "tyres" / "215_50R17.tir").read_text(encoding="utf-8")
+    rows = []
+    for name, factor in (("plain", "0.0"), ("moment", "0.1")):
+        tyre = text.replace("QSX3 = 0.088", f"QSX3 = {factor}")
+        assert factor in tyre
+        rows.append(drive(tmp_path / name, {}, {}, turn, speed=12.0, duration=4.0, tyre=tyre).iloc[-1])
+    # About the road, (N_right - N_left) T / 2 = m h a_y + Mx.
+    moments = overturning_moments(rows[1], 0.1)
+    arms = []
+    for row in rows:
+        lateral = sum(row[f"ego.tyre_fy.{wheel}"] for wheel in WHEELS)
+        transferred = sum(transfer(row, axle) for axle in HANDLING) * TRACK
+        arms.append((transferred - (sum(moments) if row is rows[1] else 0.0)) / lateral)
+    assert sum(moments) > 100.0
+    assert arms[1] == pytest.approx(arms[0], abs=0.004)  # the body rolls a little more, which moves its weight
 
 
 def test_roll_steer_adds_its_part_to_the_understeer_gradient(tmp_path: Path) -> None:

@@ -75,10 +75,11 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
         assert velocity[3:] @ left == pytest.approx(motion.vy, abs=1e-9)
         assert motion.vx - motion.slip_x == pytest.approx(motion.spin * motion.radius, abs=1e-9)
 
-        fx, fy, mz, fz = 1234.0, -2345.0, 56.0, 789.0
+        fx, fy, mz, fz, mx = 1234.0, -2345.0, 56.0, 789.0, 321.0
         force = [0.0] * plant.num_velocities()
-        add_road_force(force, wheel, motion, fx, fy, mz, fz)
-        expected = jacobian.T @ np.array([0.0, 0.0, mz, *(fx * ahead + fy * left + [0.0, 0.0, fz])])
+        add_road_force(force, wheel, motion, fx, fy, mz, fz, mx=mx)
+        moment = mx * ahead + [0.0, 0.0, mz]
+        expected = jacobian.T @ np.array([*moment, *(fx * ahead + fy * left + [0.0, 0.0, fz])])
         assert force == pytest.approx(expected, abs=1e-9 * 1e3)
 
 

@@ -546,12 +546,12 @@ def magic_formula(
     curve = curve_at(p, point, pure_slip(p, point))
     fx, fy, mz = _combined_slip(curve, kappa, tan_alpha, vx)
     tread_speed = vx + kappa * abs(vx)  # (2.5) with (4.E5)
-    mx = _overturning_moment(p, point, fy)
+    mx = overturning_moment(p, point, fy)
     my = _rolling_resistance(p, point, fx, vx) * _direction(tread_speed, p.vxlow)
     return TyreForces(*(value * point.scale for value in (fx, fy, mx, my, mz)))
 
 
-def _overturning_moment(p: MagicFormulaParameters, point: OperatingPoint, fy: Value) -> Value:
+def overturning_moment(p: MagicFormulaParameters, point: OperatingPoint, fy: Value) -> Value:
     """Return Mx (4.E69), with QSX12 to QSX14 of the MF-Tyre manual."""
     gamma, load, side = point.gamma, point.load / p.fnomin, fy / p.fnomin
     mixed = cos(p.qsx5 * atan((p.qsx6 * load) ** 2))

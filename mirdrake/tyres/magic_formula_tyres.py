@@ -19,6 +19,7 @@ from mirdrake.tyres.magic_formula import (
     lengths_at,
     magic_formula_on,
     operating_point,
+    overturning_moment,
     pure_slip,
 )
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
@@ -158,7 +159,19 @@ def make_law(parameters: MagicFormulaParameters) -> TyreLaw:
         lengths = lengths_at(parameters, point, slopes)
         peak_x, peak_y = abs(slopes.dx) * scale, abs(slopes.dy) * scale
         # kya is negative in ISO axes, the slip stiffness of the relaxation positive.
-        contact = Contact(slopes.kxk * scale, -slopes.kya * scale, lengths.x, lengths.y, peak_x, peak_y)
+        # The overturning moment as a straight line over Fy, through its values at half of the peaks of both sides.
+        half = 0.5 * abs(slopes.dy)
+        left, right = (overturning_moment(parameters, point, side) for side in (half, -half))
+        contact = Contact(
+            slopes.kxk * scale,
+            -slopes.kya * scale,
+            lengths.x,
+            lengths.y,
+            peak_x,
+            peak_y,
+            0.5 * (left + right) * scale,
+            (left - right) / (2.0 * half) if half > 0.0 else 0.0,
+        )
         return TyreAtLoad(contact, curve_at(parameters, point, slopes), MagicFormulaTyres.law)
 
     return law

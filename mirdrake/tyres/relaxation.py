@@ -106,6 +106,8 @@ class Contact(NamedTuple):
         length_y: relaxation length of lateral slip [m].
         friction_x: largest longitudinal force [N].
         friction_y: largest lateral force [N].
+        overturning: overturning moment without a lateral force [N m].
+        overturning_by_fy: its change by the lateral force [m].
     """
 
     stiffness_x: float
@@ -114,6 +116,8 @@ class Contact(NamedTuple):
     length_y: float
     friction_x: float
     friction_y: float
+    overturning: float = 0.0
+    overturning_by_fy: float = 0.0
 
 
 def low_speed_weight(vx: float, low: float) -> float:

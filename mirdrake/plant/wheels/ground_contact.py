@@ -63,6 +63,7 @@ class GroundContact(NamedTuple):
         path: derivative of the contact centre by the travel (3) [1].
         braked: see :class:`mirdrake.plant.wheels.motion.WheelMotion`.
         toe: the same.
+        lean: the same.
         rise: vertical velocity of the wheel centre [m/s].
         share: force over that of the deflection on a plane [1].
     """
@@ -85,11 +86,12 @@ class GroundContact(NamedTuple):
     path: tuple[float, float, float]
     braked: float
     toe: float
+    lean: float
     rise: float
     share: float
 
 
-CONTACT_SIZE = 36
+CONTACT_SIZE = 37
 """Numbers of a :class:`GroundContact`."""
 
 
@@ -101,7 +103,8 @@ def pack_contact(row: MutableSequence[float], contact: GroundContact) -> None:
         row[8 + i], row[11 + i], row[14 + i] = contact.axle[i], contact.up[i], contact.ahead[i]
         row[17 + i], row[20 + i] = contact.left[i], contact.normal[i]
         row[23 + i], row[26 + i], row[29 + i] = contact.arm_base[i], contact.arm_pivot[i], contact.path[i]
-    row[32], row[33], row[34], row[35] = contact.braked, contact.toe, contact.rise, contact.share
+    row[32], row[33], row[34] = contact.braked, contact.toe, contact.lean
+    row[35], row[36] = contact.rise, contact.share
 
 
 def unpack_contact(row: Sequence[float]) -> GroundContact:
@@ -128,6 +131,7 @@ def unpack_contact(row: Sequence[float]) -> GroundContact:
         row[33],
         row[34],
         row[35],
+        row[36],
     )
 
 
@@ -249,6 +253,7 @@ def ground_contact(
         path,
         (arm.brake_rate - arm.x_rate) / rolling,
         arm.toe_rate,
+        arm.lean_rate,
         dz,
         plane.share,
     )
@@ -405,6 +410,7 @@ def add_ground_force(
     resistance: float,
     turn: float,
     brake: float,
+    mx: float,
 ) -> None:
     """Add force and moment of the ground on a wheel to generalised forces.
 
@@ -417,6 +423,7 @@ def add_ground_force(
         resistance: moment about the axle [N m], of which the carrier bears nothing.
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
         brake: torque of the brake on the spin [N m].
+        mx: overturning moment, about the direction ahead [N m].
     """
     fx, fy, fz = forces
     # Force in the world. Its rotation by half a step is for the vehicle; the spin below takes the unrotated Fx.
@@ -426,9 +433,9 @@ def add_ground_force(
     rx, ry, rz = contact.arm_base
     (ax, ay, az), base = contact.axle, wheel.base[1]
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
-    force[base] += ry * z - rz * y + mz * nx + resistance * ax
-    force[base + 1] += rz * x - rx * z + mz * ny + resistance * ay
-    force[base + 2] += rx * y - ry * x + mz * nz + resistance * az
+    force[base] += ry * z - rz * y + mz * nx + resistance * ax + mx * tx
+    force[base + 1] += rz * x - rx * z + mz * ny + resistance * ay + mx * ty
+    force[base + 2] += rx * y - ry * x + mz * nz + resistance * az + mx * tz
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += z
@@ -439,12 +446,13 @@ def add_ground_force(
     kx, ky, kz = contact.up
     if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         qx, qy, qz = contact.arm_pivot
-        mx, my, mzz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
-        force[wheel.steering[1]] += kx * mx + ky * my + kz * mzz
+        ox, oy, oz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
+        force[wheel.steering[1]] += kx * ox + ky * oy + kz * oz + mx * (kx * tx + ky * ty + kz * tz)
     if wheel.suspension[0] >= 0:
         dx, dy, dz = contact.path
         force[wheel.suspension[1]] += dx * x + dy * y + dz * z
         force[wheel.suspension[1]] += contact.braked * brake + contact.toe * mz * (kx * nx + ky * ny + kz * nz)
+        force[wheel.suspension[1]] += contact.lean * mx
 
 
 CONTACT_PARTS = (

@@ -206,6 +206,8 @@ def ground_step(
             curve.contact.length_y,
             curve.contact.friction_x * scale,
             curve.contact.friction_y * scale,
+            curve.contact.overturning * scale,
+            curve.contact.overturning_by_fy,
         )
 
         # Slip forces, pivoting moment, rolling resistance.
@@ -249,6 +251,7 @@ def ground_step(
             resistance,
             0.5 * period * base.turning[2],
             torque - drive,
+            patch.overturning + patch.overturning_by_fy * fy,
         )
         force[wheel.place.spin] += torque - effort
         if len(joints) > 0:

@@ -120,6 +120,7 @@ class WheelMotion(NamedTuple):
         path: derivative of the contact centre by the travel (3) [1].
         braked: rotation of the wheel carrier about the axle by the travel, as a brake sees it [rad/m].
         toe: derivative of the steering angle by the travel [rad/m].
+        lean: derivative of the inclination by the travel [rad/m].
     """
 
     x: float
@@ -142,6 +143,7 @@ class WheelMotion(NamedTuple):
     path: tuple[float, float, float]
     braked: float
     toe: float
+    lean: float
 
 
 class BaseMotion(NamedTuple):
@@ -238,6 +240,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
         path,
         (arm.brake_rate - arm.x_rate) / rolling,
         arm.toe_rate,
+        arm.lean_rate,
     )
 
 
@@ -252,6 +255,7 @@ def add_road_force(
     turn: float = 0.0,
     resistance: float = 0.0,
     brake: float = 0.0,
+    mx: float = 0.0,
 ) -> None:
     """Add a force of the road on a wheel to generalised forces.
 
@@ -266,6 +270,7 @@ def add_road_force(
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
         resistance: moment about the axle [N m], of which the carrier bears nothing.
         brake: torque of the brake on the spin [N m].
+        mx: overturning moment, about the direction ahead [N m].
     """
     along, minus_across = motion.ahead
     # Force in the world, rotated to the middle of the step; the spin below takes the unrotated Fx.
@@ -274,8 +279,8 @@ def add_road_force(
     rx, ry, rz = motion.arm_base
     base = wheel.base[1]
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
-    force[base] += ry * fz - rz * y + resistance * motion.axle[0]
-    force[base + 1] += rz * x - rx * fz + resistance * motion.axle[1]
+    force[base] += ry * fz - rz * y + resistance * motion.axle[0] + mx * along
+    force[base + 1] += rz * x - rx * fz + resistance * motion.axle[1] + mx * minus_across
     force[base + 2] += rx * y - ry * x + mz + resistance * motion.axle[2]
     force[base + 3] += x
     force[base + 4] += y
@@ -286,10 +291,12 @@ def add_road_force(
     if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         ex, ey, ez = motion.arm_pivot
         force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
+        force[wheel.steering[1]] += (kx * along + ky * minus_across) * mx
     if wheel.suspension[0] >= 0:
         # The wheel travels along its path; brake and aligning moment turn the wheel carrier with the travel.
         dx, dy, dz = motion.path
         force[wheel.suspension[1]] += dx * x + dy * y + dz * fz + motion.braked * brake + motion.toe * kz * mz
+        force[wheel.suspension[1]] += motion.lean * mx
 
 
 STEP_PARTS = (*ARM_PARTS, base_motion, wheel_motion, add_road_force)

@@ -45,8 +45,11 @@ road pushes back with Crr N.
 A brake is Coulomb friction: its torque is the one that would stop the wheel by the end of the step, within its limit. A
 wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque.
 
-Not modelled: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip of tyres with
-slip (their moment against steering at standstill is that of the kingpin offset alone).
+The overturning moment of a tyre file is linear in the lateral force at each load and inclination. A patch of Drake's
+contact shifts its load by camber on its own (:mod:`mirdrake.plant.wheel_shape`).
+
+Not modelled: turn slip of tyres with slip (their moment against steering at standstill is that of the kingpin offset
+alone).
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
@@ -255,6 +258,8 @@ def tyre_step(
             contact_then.length_y,
             contact_then.friction_x * scale,
             contact_then.friction_y * scale,
+            contact_then.overturning * scale,
+            contact_then.overturning_by_fy,
         )
 
         # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
@@ -291,6 +296,7 @@ def tyre_step(
             0.5 * period * base.turning[2],
             resistance,
             torque - drive,
+            contact.overturning + contact.overturning_by_fy * fy,
         )
         force[wheel.place.spin] += torque - effort
         kept.begun, kept.measured, kept.ratio, kept.sprung = 1.0, loads[i], ratio, sprung
