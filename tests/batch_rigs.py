@@ -26,6 +26,7 @@ CAR = SingleTrackParameters(
     roll_inertia=400.0,
     roll_stiffness=60e3,
     roll_damping=2500.0,
+    overturning_arm=0.03,
 )
 MAGIC = Variant("magic_formula", True, True, True)
 LINEAR, BRUSH, RICH = Variant("linear"), Variant("brush"), Variant("brush", True, True, True)

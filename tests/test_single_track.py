@@ -141,18 +141,37 @@ def test_yaw_rate_and_sideslip_on_a_circle_are_those_of_the_textbook(speed):
     assert steady["drive"] == pytest.approx(1500.0 * against, rel=1e-4)
 
 
-def test_a_car_rolls_out_of_the_turn_and_turns_as_one_without_roll():
-    """φ (K - ms g h) = ms h ay, R. Rajamani, section 15.2."""
-    steady = find_steady_state(ROLLING, Variant("linear", roll=True), speed=20.0, steering=0.01)
+@pytest.mark.parametrize("arm", [0.0, 0.03])
+def test_a_car_rolls_out_of_the_turn_and_turns_as_one_without_roll(arm):
+    """φ (K - ms g h) = (ms h + m e) ay, R. Rajamani, section 15.2, with the overturning moment e F of the tyres."""
+    car = replace(ROLLING, overturning_arm=arm)
+    steady = find_steady_state(car, Variant("linear", roll=True), speed=20.0, steering=0.01)
     lateral = steady["lateral_acceleration"]
-    roll = 1300.0 * 0.45 * lateral / (60e3 - 1300.0 * GRAVITY * 0.45)
+    roll = (1300.0 * 0.45 + 1500.0 * arm) * lateral / (60e3 - 1300.0 * GRAVITY * 0.45)
     assert lateral > 1.0
     assert steady["roll"] == pytest.approx(roll, rel=1e-9)
     assert steady["roll_rate"] == pytest.approx(0.0, abs=1e-12)
     flat = find_steady_state(CAR, LINEAR, speed=20.0, steering=0.01)
     assert steady["yaw_rate"] == pytest.approx(flat["yaw_rate"], rel=1e-9)
-    ride = Ride(ROLLING, Variant("linear", roll=True), steering=0.01, drive=steady["drive"], vx=20.0).at(8.0)
+    ride = Ride(car, Variant("linear", roll=True), steering=0.01, drive=steady["drive"], vx=20.0).at(8.0)
     assert (ride["roll"], ride["wx"]) == pytest.approx((roll, 0.0), rel=1e-3, abs=1e-6)
+
+
+def test_roll_and_lateral_motion_are_those_of_newton_and_euler():
+    """Linear tyres at 20 m/s; F and e F by hand."""
+    car = replace(ROLLING, overturning_arm=0.03, roll_damping=2500.0)
+    model = SingleTrack(car, Variant("linear", roll=True))
+    context = model.CreateDefaultContext()
+    model.set_state(context, vx=20.0, vy=0.3, yaw_rate=0.2, roll=0.02, roll_rate=0.1)
+    model.steering.FixValue(context, [0.0])
+    model.forces.FixValue(context, [0.0, 0.0])
+    names = model.variant.state_names
+    rates = dict(zip(names, model.EvalTimeDerivatives(context).CopyToVector(), strict=True))
+    force = -90e3 * atan((0.3 + 1.2 * 0.2) / 20.0) - 110e3 * atan((0.3 - 1.5 * 0.2) / 20.0)
+    sideways, rolling, arm = rates["vy"] + 0.2 * 20.0, rates["roll_rate"], 1300.0 * 0.45
+    assert 1500.0 * sideways - arm * rolling == pytest.approx(force, rel=1e-9)
+    moment = arm * sideways + 0.03 * force - (60e3 - arm * GRAVITY) * 0.02 - 2500.0 * 0.1
+    assert (400.0 + 1300.0 * 0.45**2) * rolling == pytest.approx(moment, rel=1e-9)
 
 
 def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
@@ -193,6 +212,10 @@ def test_the_roll_of_a_vehicle_is_that_of_its_springs_and_tyres():
     assert rolling.roll_mass == rolling.mass
     assert rolling.roll_height == rolling.com_height
     assert 0.5 * track**2 * 3800.0 > rolling.roll_damping > 0.4 * 0.5 * track**2 * 3800.0
+    loads = [0.5 * rolling.mass * GRAVITY * share / 2.601 for share in (rolling.rear_length, rolling.front_length)]
+    arm = 0.3234 * 0.088 / 4000.0 * sum(load**2 for load in loads) / sum(loads)  # R0 QSX3 N Fy / FNOMIN over Fy
+    assert rolling.overturning_arm == pytest.approx(arm, rel=1e-6)
+    assert flat.overturning_arm == 0.0
     assert rolling.front_stiffness > flat.front_stiffness
     assert 0.0 < rolling.front_roll_slip < 0.2
     assert flat.front_roll_slip == 0.0
@@ -394,7 +417,7 @@ def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(var
     car = replace(
         LOSSES, com_height=0.5, servo_gain=300.0, front_drive=0.7, gravity_x=-0.3, gravity_y=0.2,
         roll_mass=1300.0, roll_height=0.45, roll_inertia=400.0, roll_stiffness=60e3, roll_damping=2500.0,
-        front_roll_slip=0.1, rear_roll_slip=-0.2,
+        front_roll_slip=0.1, rear_roll_slip=-0.2, overturning_arm=0.03,
     )  # fmt: skip
     start = {"yaw": 0.4, "vx": speed, "vy": 0.1, "yaw_rate": 0.2, "front_slip": 0.02, "rear_slip": -0.01}
     start |= {"roll": 0.03, "roll_rate": -0.2}

@@ -7,13 +7,14 @@ axle. It can be expressed as slip of the axle (H. B. Pacejka, Tyre and Vehicle D
 and camber of the wheels by their travel are a part of it. With the roll angle φ, the moments' sum M and the wheelbase
 L, in a turn to the left of acceleration a_y::
 
-    φ (K_f + K_r - m g h) = m h a_y,           ΔN_i = K_i φ / t_i
+    φ (K_f + K_r - m g h) = m (h + e) a_y,     ΔN_i = K_i φ / t_i
     F_f L = m a_y b - M,                       F_r L = m a_y a + M
     F_i = Fy(α_i, φ, N_i + ΔN_i) + Fy(α_i, φ, N_i - ΔN_i)
     C_f = -(m a_y b / L) / (α_f + M_f / k),    C_r = -(m a_y a / L) / α_r
 
 with N_i the static load of a wheel, K the roll stiffness of an axle (springs, anti-roll bar and tyres in series), t the
-track, k the stiffness of the steering of both wheels, and M_f the aligning moments of the front tyres.
+track, k the stiffness of the steering of both wheels, e the overturning moment of the tyres over their lateral force,
+and M_f the aligning moments of the front tyres.
 Without suspension the body does not roll, and the load transfer is distributed like the load.
 
 In a variant with roll (:class:`mirdrake.single_track.dynamics.Variant`), camber is not in C, but in
@@ -115,7 +116,7 @@ def find_axles(
     # Share of the weight and, in a steady turn, of the lateral force on the front and the rear axle.
     shares = (body.rear / length, body.front / length)
     # A turn to the left: positive lateral acceleration and force; the body rolls to the right.
-    angle, transfers = _roll(vehicle, body, shares, LATERAL)
+    angle, transfers = _roll(vehicle, body, shares, LATERAL, find_overturning_arm(vehicle, body))
     rolled, at_rest = (_arms(vehicle, body, roll) for roll in (angle, 0.0))
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
     forces = [body.mass * LATERAL * share for share in shares]
@@ -204,13 +205,29 @@ def _wheel(
     return forces
 
 
+def find_overturning_arm(vehicle: Vehicle, body: Body) -> float:
+    """Return the overturning moment of the tyres over their lateral force [m], in a turn at the static loads.
+
+    Args:
+        vehicle: the vehicle.
+        body: its mass and lengths.
+    """
+    tyres, length = vehicle.spec.tyres, body.front + body.rear
+    if not isinstance(tyres, SlipTyres):
+        return 0.0
+    arm = 0.0
+    for law, share in zip(tyres.axle_laws(vehicle.folder), (body.rear / length, body.front / length), strict=True):
+        arm += share * law(0.5 * body.mass * GRAVITY * share, 0.0, 1.0).contact.overturning_by_fy
+    return arm
+
+
 def _roll(
-    vehicle: Vehicle, body: Body, shares: tuple[float, float], lateral: float
+    vehicle: Vehicle, body: Body, shares: tuple[float, float], lateral: float, overturning_arm: float
 ) -> tuple[float, tuple[float, float]]:
     """Return the roll angle [rad], and the load transfer from the inner to the outer wheel of each axle [N]."""
     tracks = (vehicle.geometry.front_track, vehicle.geometry.rear_track)
     springs = vehicle.spec.suspension
-    moment = body.mass * body.height * lateral
+    moment = body.mass * (body.height + overturning_arm) * lateral
     # Without suspension roll stiffness is unknown; distribute the overturning moment like the load.
     if springs is None:
         front, rear = (moment * share / track for share, track in zip(shares, tracks, strict=True))

@@ -28,9 +28,9 @@ tyres. vx and vy are then those of the point below the centre of mass in the pla
 moves out of the turn (Rajamani, section 15.2; W. F. and D. L. Milliken, Race Car Vehicle Dynamics, section 11)::
 
     m (v̇y + r vx - gy) - ms h φ̈ = Fxf sin δ + Fyf cos δ + Fyr
-    J φ̈ = ms h (v̇y + r vx - gy) - (K + ms gz h) φ - D φ̇
+    J φ̈ = ms h (v̇y + r vx - gy) + e (Fxf sin δ + Fyf cos δ + Fyr) - (K + ms gz h) φ - D φ̇
 
-(gz is negative.) The slip of an axle increases by ε φ, for camber and load transfer; see
+(gz is negative, e is the overturning moment of the tyres over their lateral force.) The slip of an axle increases by ε φ, for camber and load transfer; see
 :mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone; the axis is level, and yaw and roll are
 not coupled by products of inertia.
 
@@ -377,16 +377,18 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
         p.mass + p.rotating_mass
     )
     # Neutral values: without roll the lateral equation is that of a rigid body.
-    arm, around, righting, roll_force = 0.0, 1.0, 0.0, 0.0
+    arm, over, around, righting, roll_force = 0.0, 0.0, 1.0, 0.0, 0.0
     if flags.roll:
-        arm = p.roll_mass * p.roll_height
+        arm, over = p.roll_mass * p.roll_height, p.overturning_arm
         # Parallel axes: from the centre of the rolling mass to the roll axis (J in the head of the module).
         around = p.roll_inertia + p.roll_mass * p.roll_height * p.roll_height
         # gravity_z is negative, so gravity lowers the stiffness: the body leans out of the turn like an inverted
         # pendulum.
         righting = (p.roll_stiffness + arm * p.gravity_z) * x.roll + p.roll_damping * x.roll_rate
         # ms h φ̈, from solving the lateral and the roll equation together: both contain v̇y and φ̈.
-        roll_force = arm * (arm * (lateral + side_rear) / p.mass - righting) / (around - arm * arm / p.mass)
+        roll_force = (
+            arm * ((arm / p.mass + over) * (lateral + side_rear) - righting) / (around - arm * arm / p.mass)
+        )
     fast_vy = (lateral + side_rear + across + roll_force) / p.mass - yaw_rate * vx
     fast_yaw = (a * lateral - b * side_rear) / p.yaw_inertia
 
@@ -402,8 +404,10 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     dyaw = slow_yaw + weigh * (fast_yaw - slow_yaw)
     roll_acceleration = 0.0
     if flags.roll:
-        # Roll follows the blended acceleration; at speed this is the φ̈ that is already in roll_force.
-        roll_acceleration = (arm * (dvy + yaw_rate * vx - across / p.mass) - righting) / around
+        # Roll follows the blended acceleration; at speed this is the φ̈ that is already in roll_force. The lateral
+        # force of the tyres is that of this acceleration, m (v̇y + r vx - gy) - ms h φ̈.
+        sideways = dvy + yaw_rate * vx - across / p.mass
+        roll_acceleration = ((arm + over * p.mass) * sideways - righting) / (around + over * arm)
 
     # x, y are those of the rear axle's centre, thus vy_rear; vx is the same everywhere on the longitudinal axis.
     derivatives = State(

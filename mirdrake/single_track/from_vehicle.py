@@ -19,7 +19,7 @@ from pydrake.systems.framework import Context
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.rest_pose import check_balance
-from mirdrake.single_track.axles import Axle, Body, find_axles, find_roll_stiffness
+from mirdrake.single_track.axles import Axle, Body, find_axles, find_overturning_arm, find_roll_stiffness
 from mirdrake.single_track.dynamics import Variant, lateral_forces
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
@@ -271,4 +271,5 @@ def _roll_parameters(
         "roll_inertia": roll_inertia - body.mass * float(plant.CalcCenterOfMassPositionInWorld(context)[2]) ** 2,
         "roll_stiffness": sum(roll_stiffness.stiffness),
         "roll_damping": roll_stiffness.damping,
+        "overturning_arm": find_overturning_arm(vehicle, body),
     }

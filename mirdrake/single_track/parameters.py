@@ -53,6 +53,7 @@ class SingleTrackParameters:
         rear_curvature: the same at the rear [1].
         wind_x: velocity of the air along x of the world [m/s].
         wind_y: component along y [m/s].
+        overturning_arm: overturning moment of the tyres over their lateral force [m]; only with roll.
 
     Raises:
         ConfigError: not a finite number, or out of range.
@@ -95,6 +96,7 @@ class SingleTrackParameters:
     rear_curvature: float = 0.0
     wind_x: float = 0.0
     wind_y: float = 0.0
+    overturning_arm: float = 0.0
 
     def __post_init__(self) -> None:
         owner = "SingleTrackParameters"

@@ -142,7 +142,7 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     solution = least_squares(errors, np.ones(4)).x * (1.0, frequency, damping, _DAMPER_LAG)
     gain, natural, ratio, late = solution.tolist()
     return {
-        "roll_gain": gain * (arm + momentum) / righting,
+        "roll_gain": gain * (arm + p.mass * p.overturning_arm + momentum) / righting,
         "roll_frequency": natural,
         "roll_damping": ratio,
         "roll_damper_time": max(late, 0.0),
