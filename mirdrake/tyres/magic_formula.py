@@ -133,7 +133,7 @@ class SlipWeight(NamedTuple):
     """Share of a pure-slip force that remains under the other slip [1].
 
     It is cos(C atan(B x - E (B x - atan B x))), relative to its value without the other slip, at x = other slip + Sh
-    with B = b cos(atan(b_own (own slip - own_shift))). Without `shifted`, Sh is zero.
+    with B = b cos(atan(b_own (own slip - own_shift))). Sh is zero if `shifted` is.
     """
 
     b: Value
@@ -142,7 +142,7 @@ class SlipWeight(NamedTuple):
     c: Value
     e: Value
     shift_h: Value
-    shifted: bool
+    shifted: Value
 
 
 class KappaInducedForce(NamedTuple):
@@ -180,10 +180,10 @@ class MagicFormulaCurve(NamedTuple):
         fx_pure: longitudinal force in pure slip.
         fy_pure: lateral force in pure slip.
         fy_upright: the same without inclination, for the trail.
-        cambered: whether fy_upright differs from fy_pure.
+        cambered: 1 if fy_upright differs from fy_pure, else 0.
         fx_weight: effect of lateral slip on the longitudinal force.
         fy_weight: effect of longitudinal slip on the lateral force.
-        induced: whether longitudinal slip causes a lateral force.
+        induced: 1 if longitudinal slip causes a lateral force, else 0.
         kappa_induced: this force.
         trail: pneumatic trail.
         residual: residual moment.
@@ -198,10 +198,10 @@ class MagicFormulaCurve(NamedTuple):
     fx_pure: SineFormula
     fy_pure: SineFormula
     fy_upright: SineFormula
-    cambered: bool
+    cambered: Value
     fx_weight: SlipWeight
     fy_weight: SlipWeight
-    induced: bool
+    induced: Value
     kappa_induced: KappaInducedForce
     trail: PneumaticTrail
     residual: ResidualMoment
@@ -374,7 +374,7 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
         fx_pure=fx_pure,
         fy_pure=fy_pure,
         fy_upright=fy_upright,
-        cambered=cambered,
+        cambered=1.0 if cambered else 0.0,
         fx_weight=SlipWeight(  # (4.E51) to (4.E57)
             b=(p.rbx1 + p.rbx3 * camber * camber) * p.lxal,
             b_own=p.rbx2,
@@ -382,7 +382,7 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
             c=p.rcx1,
             e=smaller(p.rex1 + p.rex2 * dfz, 1.0),
             shift_h=p.rhx1,
-            shifted=p.rhx1 != 0.0,
+            shifted=float(p.rhx1 != 0.0),
         ),
         fy_weight=SlipWeight(  # (4.E59) to (4.E65)
             b=(p.rby1 + p.rby4 * camber * camber) * p.lyka,
@@ -391,9 +391,9 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
             c=p.rcy1,
             e=smaller(p.rey1 + p.rey2 * dfz, 1.0),
             shift_h=p.rhy1 + p.rhy2 * dfz,
-            shifted=p.rhy1 != 0.0 or p.rhy2 != 0.0,
+            shifted=float(p.rhy1 != 0.0 or p.rhy2 != 0.0),
         ),
-        induced=p.rvy1 != 0.0 or p.rvy2 != 0.0 or p.rvy3 != 0.0,
+        induced=float(p.rvy1 != 0.0 or p.rvy2 != 0.0 or p.rvy3 != 0.0),
         kappa_induced=KappaInducedForce(  # (4.E66), (4.E67)
             d=slopes.dy * (p.rvy1 + p.rvy2 * dfz + p.rvy3 * camber) * p.lvyka,
             b_alpha=p.rvy4,
@@ -462,11 +462,11 @@ def _combined_slip(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, vx:
     fy_weight = _weight(curve.fy_weight, similar_slip, similar_kappa)
     weighted = fy_weight * _sine_formula(curve.fy_pure, tan_alpha, fade)
     fy = weighted
-    if curve.induced:
+    if curve.induced > 0.0:
         induced = curve.kappa_induced
         bx = induced.b_alpha * similar_slip
         fy = fy + induced.d / sqrt(1.0 + bx * bx) * sin(induced.c * atan(induced.b * similar_kappa)) * fade  # (4.E58)
-    for_trail = fy_weight * _sine_formula(curve.fy_upright, tan_alpha, fade) if curve.cambered else weighted
+    for_trail = fy_weight * _sine_formula(curve.fy_upright, tan_alpha, fade) if curve.cambered > 0.0 else weighted
 
     # Aligning moment (4.E71): trail, residual moment, and Fx on its arm.
     cosine = direction / sqrt(1.0 + tan_alpha * tan_alpha)  # cos α', (4.E6)
@@ -504,7 +504,7 @@ def _weight(weight: SlipWeight, own: Value, other: Value) -> Value:
     b = weight.b / sqrt(1.0 + bx * bx)
     # Normalised to 1 without the other slip, also with a horizontal shift.
     share = _cosine_formula(b * (other + weight.shift_h), weight.e, weight.c)
-    if weight.shifted:
+    if weight.shifted > 0.0:
         share = share / _cosine_formula(b * weight.shift_h, weight.e, weight.c)
     return larger(share, 0.0)
 

@@ -11,7 +11,7 @@ implicit: with the change Δω of the spin that the law predicts, its torque is 
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, exp, floor, log
+from math import atan
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
@@ -34,18 +34,9 @@ from mirdrake.plant.wheels.step import (
     slip_forces,
     turn_along,
 )
+from mirdrake.plant.wheels.tyre_nodes import TyreNodes, find_tyre
 from mirdrake.tyres.relaxation import Contact, Motion
 from mirdrake.tyres.vertical import VerticalTyre, vertical_force
-
-SAME_LOAD = 0.01
-"""Relative change of the load up to which the curve of a tyre is scaled instead of evaluated anew [1]."""
-
-SAME_INCLINATION = 4e-3
-"""Change of the inclination up to which a curve is kept [rad]."""
-
-_NODE_LOAD, _NODE_INCLINATION = 0.01, 2e-3  # relative distance of the loads, and of the inclinations [rad], of curves
-
-_LEAST_LOAD = 1e-3  # load over static load below which a tyre has no slip forces [1]
 
 
 class GroundWheel(NamedTuple):
@@ -75,8 +66,6 @@ class GroundMemory(NamedTuple):
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
         begun: zero at the start, then 1.
-        load: load of the curve [N].
-        inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
         rise: vertical velocity of the wheel centre [m/s].
@@ -93,8 +82,6 @@ class GroundMemory(NamedTuple):
     kappa: float
     bend: float
     begun: float
-    load: float
-    inclination: float
     turning: float
     twist: float
     rise: float
@@ -113,6 +100,7 @@ def ground_step(
     cars: Records,
     wheels: Records,
     curves: Records,
+    nodes: TyreNodes,
     memories: Records,
     force: MutableSequence[float],
     after: Records,
@@ -139,7 +127,8 @@ def ground_step(
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`mirdrake.plant.wheels.step.SpinningCar`.
         wheels: :class:`GroundWheel`.
-        curves: the tyres at their loads; load, inclination, friction, contact and curve.
+        curves: the tyres at their loads, contact and curve, overwritten.
+        nodes: their nodes.
         memories: :class:`GroundMemory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
@@ -153,8 +142,7 @@ def ground_step(
         actuation: torques of the actuators with their servos [N m], overwritten.
 
     Returns:
-        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
-        are not valid.
+        Whether all nodes of the curves are known; if not, the results are not valid.
     """
     car, known = cars[0], True
     period = car.period
@@ -179,25 +167,14 @@ def ground_step(
             rate -= 0.5 * contact.normal[2] * (contact.rise - before.rise)
         load = contact.share * vertical_force(tyre.vertical, contact.deflection, contact.share * rate, contact.spin)
 
-        # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats. Curves are
-        # evaluated at nodes of load and inclination, so that a drive over rough ground needs few of them.
-        start = before.begun == 0.0
-        curve_load, inclination = before.load, before.inclination
-        least = _LEAST_LOAD * wheel.static_load
-        touches = load > least
-        varies = touches and not wheel.coulomb
-        if start or (varies and abs(load - curve_load) > SAME_LOAD * load):
-            curve_load = exp(floor(log(max(load, least)) / _NODE_LOAD + 0.5) * _NODE_LOAD)
-        if start or (varies and abs(contact.inclination - inclination) > SAME_INCLINATION):
-            inclination = floor(contact.inclination / _NODE_INCLINATION + 0.5) * _NODE_INCLINATION
-        kept.load, kept.inclination = curve_load, inclination
-        if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
-            # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
+        # The curve at this load; if a node is missing, the caller makes it and repeats. The curve of a Coulomb tyre is
+        # valid for every load.
+        curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
+        if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else contact.inclination, frictions[i]):
+            # The other wheels are still checked, so that the caller makes all missing nodes before it repeats.
             known = False
             continue
-
-        # Stiffness and friction are scaled with the small rest between the present load and that of the curve.
-        scale = load / curve_load if touches else 0.0
+        scale = load / curve_load if load > nodes.lowest else 0.0
         now = Motion(contact.vx, contact.vx - contact.spin * contact.rolling, contact.vy)
         patch = Contact(
             curve.contact.stiffness_x * scale,

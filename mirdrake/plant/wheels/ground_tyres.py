@@ -52,7 +52,8 @@ class GroundTyres(TyreSystem):
         *,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        wheels = records(GroundWheel, make_ground_wheels(plant, part))
+        ground_wheels = make_ground_wheels(plant, part)
+        wheels = records(GroundWheel, ground_wheels)
         # A repeated step keeps the sampled contacts.
         data, samples, contacts = terrain.data, terrain.samples, np.zeros((len(wheels), CONTACT_SIZE))
         bearing = Bearing(
@@ -60,6 +61,7 @@ class GroundTyres(TyreSystem):
             parts=GROUND_STEP_PARTS,
             memory=GroundMemory,
             wheels=wheels,
+            static_loads=[wheel.wheel.static_load for wheel in ground_wheels],
             arguments=lambda _, again: (data, samples, contacts, again),
             joints=True,
         )

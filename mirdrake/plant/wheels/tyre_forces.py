@@ -8,7 +8,6 @@ The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer, ZeroOrderHold
 
-from mirdrake.core.compiled import Records, compiled, plain, record_type, records
+from mirdrake.core.compiled import Records, compiled, record_type, records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
@@ -28,9 +27,10 @@ from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.joint_step import JointMemory, StiffJoint
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
+from mirdrake.plant.wheels.tyre_nodes import TyreCurves
 from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
 from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
-from mirdrake.tyres.relaxation import Contact, RelaxationSettings
+from mirdrake.tyres.relaxation import RelaxationSettings
 from mirdrake.vehicles import WHEELS
 from mirdrake.vehicles.joint_control import ServoGains
 from mirdrake.worlds.world import SURFACE_MU
@@ -42,8 +42,6 @@ DAMPING_BY_LOAD = 0.25
 """Damping between contact patch and rim at standstill, over the static load [s/m]; 1000 N s/m for a car's wheel."""
 
 _FRICTION = "friction"  # name of the block with the friction of the ground
-
-_MOST_CURVES = 4096  # curves of a tyre that are kept for reuse
 
 FORCES = (
     ("fx", "N", "longitudinal force of the road, positive ahead"),
@@ -159,12 +157,6 @@ def wheel_laws(part: VehicleInPlant) -> tuple[SteadyLaw, list[TyreLaw]]:
     return COULOMB_LAW, [make_coulomb_law(friction, REFERENCE_FRICTION) for friction in part.tyre_mu]
 
 
-def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
-    """Return the record type of a tyre at a load, an inclination and a friction of the ground."""
-    fields = [("load", float), ("inclination", float), ("friction", float)]
-    return np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
-
-
 class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
     """Equations of a step of the tyres of a vehicle, as one function.
 
@@ -202,14 +194,9 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         car = records(SpinningCar, [SpinningCar(part.period, plant.num_positions(), mass, centre)])
 
         # The law, compiled into the step, and the curves of the tyres at their loads.
-        law, self._laws = wheel_laws(part)
+        law, laws = wheel_laws(part)
         self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
-        self._curves = np.zeros(count, curve_type(law))
-        self._curves["load"] = np.nan  # not evaluated yet
-        self._nodes: list[tuple[float, ...]] = [()] * count  # loads, inclinations and frictions of the curves
-        # Wheels with the same law share their curves.
-        known: dict[int, dict[tuple[float, float, float], Any]] = {id(law): {} for law in self._laws}
-        self._known = [known[id(law)] for law in self._laws]
+        self._tyres = TyreCurves(law, laws, bearing.static_loads)
 
         # Vectors of the ports are copied to and from arrays of which the arguments of the step are views.
         memory, motors = count * record.itemsize // np.dtype(float).itemsize, plant.num_actuators(part.instance)
@@ -222,23 +209,22 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self.given_sizes.append(memory)
             self._given, _, _, self._friction, measured, wheels_before = _views(self.given_sizes)
             self._efforts, self._desired = np.zeros(motors), np.zeros(2 * motors)
-            self._solution, force, self._after, logged, resistances, loads = _views(self.solution_sizes)
+            self._solution, force, after, logged, resistances, loads = _views(self.solution_sizes)
             actuation, joints_before, joints_after = (np.zeros(0) for _ in range(3))
         else:
             self.given_sizes += [motors, 2 * motors]
             self.solution_sizes += [motors, of_joints]
             self._given, _, _, self._friction, measured, self._efforts, self._desired = _views(self.given_sizes)
-            self._solution, force, self._after, logged, resistances, loads, actuation, joints_after = _views(
+            self._solution, force, after, logged, resistances, loads, actuation, joints_after = _views(
                 self.solution_sizes
             )
             self._before, wheels_before, joints_before = _views([memory, of_joints])
             self._joints, self._positions, self._period = joints, plant.num_positions(), part.period
         x = self._given[: plant.num_multibody_states() + rear]
-        self._after = self._after.view(record)
         self._torques = np.zeros(2 * count)
-        wheels = (bearing.wheels, self._curves, wheels_before.view(record))
+        wheels = (bearing.wheels, self._tyres.curves, self._tyres.nodes, wheels_before.view(record))
         tyres = (self._torques, self._efforts, self._friction, car, *wheels)
-        results: tuple[Any, ...] = (force, self._after, logged.reshape(count, len(FORCES)), resistances, loads)
+        results: tuple[Any, ...] = (force, after.view(record), logged.reshape(count, len(FORCES)), resistances, loads)
         if bearing.joints:
             was, will_be = (part.view(record_type(JointMemory)) for part in (joints_before, joints_after))
             results += (self._desired, joints, was, will_be, actuation)
@@ -296,27 +282,11 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Compute the forces of a step, its memory and its logged quantities."""
         self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
         first, again = self._arguments
-        # The step reports loads without a valid curve; curves are made in Python, then the step is repeated.
+        # The step reports missing nodes of the curves; they are made in Python, then the step is repeated.
         if not self.step(*first):
-            self._make_curves()
+            self._tyres.make(self._friction.tolist())
             if not self.step(*again):  # the state is NaN
                 self._solution.fill(np.nan)
-
-    def _make_curves(self) -> None:
-        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
-        after = self._after
-        nodes = zip(after["load"].tolist(), after["inclination"].tolist(), self._friction.tolist(), strict=True)
-        for i, node in enumerate(nodes):
-            if self._nodes[i] == node or not all(map(isfinite, node)):
-                continue
-            law, known = self._laws[i], self._known[i]
-            if node not in known:
-                # A bound of memory; curves are cheap to make again.
-                if len(known) >= _MOST_CURVES:
-                    known.clear()
-                tyre = law(*node)
-                known[node] = np.array((*node, plain(tyre.contact), plain(tyre.curve)), self._curves.dtype)
-            self._curves[i], self._nodes[i] = known[node], node
 
 
 def _views(sizes: Sequence[int]) -> tuple[Any, ...]:
@@ -334,6 +304,7 @@ class Bearing:
         parts: functions that `step` calls, without the law.
         memory: class of the memory of a wheel; its fields are floats, and zeros at the start.
         wheels: wheels of the vehicle, for `step`.
+        static_loads: load of each wheel at rest [N].
         arguments: (vector of its inputs, whether the step is repeated) -> arguments of `step` of its own.
         inputs: number of its inputs.
         joints: whether `step` can solve servos, dampers and limits of joints, which a continuous plant needs.
@@ -343,6 +314,7 @@ class Bearing:
     parts: Sequence[Callable[..., Any]]
     memory: type[Any]
     wheels: Records
+    static_loads: Sequence[float]
     arguments: Callable[..., tuple[Any, ...]]
     inputs: int = 0
     joints: bool = False
@@ -487,13 +459,15 @@ class WheelTyres(TyreSystem):
         first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        wheels = records(SpinningWheel, make_spinning_wheels(plant, part))
+        spinning = make_spinning_wheels(plant, part)
+        wheels = records(SpinningWheel, spinning)
         own = slice(first, first + len(wheels))
         bearing = Bearing(
             step=tyre_step,
             parts=STEP_PARTS,
             memory=Memory,
             wheels=wheels,
+            static_loads=[wheel.static_load for wheel in spinning],
             arguments=lambda measured, again: (measured[own],),  # noqa: ARG005 - the same for a repeated step
             inputs=loads,
         )
