@@ -189,7 +189,7 @@ class Dotted:
 
 
 def with_dots(given):
-    if not given.dtype.names:
+    if isinstance(given, tuple) or not given.dtype.names:  # the nodes of the curves, or plain numbers
         return given
     return list(map(Dotted, given)) if given.shape else Dotted(given)
 

@@ -21,7 +21,8 @@ class SteadyLaw(NamedTuple):
     """Tyre law in steady state, as functions of floats that :mod:`mirdrake.core.compiled` compiles.
 
     Attributes:
-        curve: class of the record of a tyre at a load: a named tuple of what depends on the load alone.
+        curve: class of the record of a tyre at a load: a named tuple, nested or not, of what depends on load,
+            inclination and friction. Its fields are floats, as records are interpolated between loads.
         forces: (curve, kappa, tan alpha, vx [m/s]) -> (Fx [N], Fy [N], Mz [N m]).
         parts: functions that `forces` calls.
     """

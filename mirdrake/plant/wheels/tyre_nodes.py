@@ -161,8 +161,8 @@ class TyreCurves:
         _, loads, inclinations, _ = nodes.rows.shape
         for wheel, (law, friction) in enumerate(zip(self._laws, frictions, strict=True)):
             load, inclination = nodes.wanted[wheel].tolist()
-            if not (isfinite(load) and isfinite(inclination) and isfinite(friction)):
-                continue
+            if load == 0.0 or not (isfinite(load) and isfinite(inclination) and isfinite(friction)):
+                continue  # no step yet, or a diverged one
             if nodes.frictions[wheel] != friction:
                 nodes.tables[wheel], nodes.frictions[wheel] = self._table(law, friction), friction
             table = nodes.rows[nodes.tables[wheel]]
