@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 from pandas import DataFrame
 from pydrake.systems.framework import Context
@@ -12,6 +13,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.compiled import compiled
+from mirdrake.core.constants import GRAVITY
 from mirdrake.ground.layers import GROUND_PARTS
 from mirdrake.plant.wheels.ground_contact import CONTACT_PARTS, GroundContact, ground_contact
 from mirdrake.plant.wheels.motion import base_motion, wheel_places
@@ -88,14 +90,21 @@ def drive(folder: Path, *, duration: float, **settings: Any) -> DataFrame:
 
 
 class TyreEnergy:
-    """A monitor of a freely rolling vehicle with springs on tyres of its own: energy, and work that dissipates it.
+    """A monitor of a vehicle with springs on tyres of its own, without motors: energy, and work that dissipates it.
+
+    Args:
+        assembly: the diagram.
+        brake: torque of each brake, constant [N m].
 
     Attributes:
         energy: kinetic energy, and potential energy of weight, springs, bars and tyres, after each step [J].
-        work: that of dampers, of the damping of the tyres and of their slip until then, negative [J].
+        work: that of dampers, of the damping of the tyres, of their slip and of the brakes until then, negative [J].
+        momentum: of the vehicle in the world after each step (3) [N s].
+        impulse: of the ground on the tyres and of the weight until then (3) [N s].
     """
 
-    def __init__(self, assembly: Assembly) -> None:
+    def __init__(self, assembly: Assembly, brake: float = 0.0) -> None:
+        self._brake = brake
         self._plant, self._part, self._tyres = (
             assembly.parts.plant,
             assembly.parts.vehicles["ego"],
@@ -106,6 +115,8 @@ class TyreEnergy:
         self._before: Any = None
         self.energy: list[float] = []
         self.work: list[float] = [0.0]
+        self.momentum: list[npt.NDArray[np.float64]] = []
+        self.impulse: list[npt.NDArray[np.float64]] = [np.zeros(3)]
 
     def __call__(self, context: Context) -> None:
         plant, part = self._plant, self._part
@@ -141,14 +152,22 @@ class TyreEnergy:
         tyres = self._tyres.GetMyContextFromRoot(context)
         forces = np.array(self._tyres.tyre_forces.Eval(tyres)).reshape(4, 5)
         loads = self._tyres.wheel_load.Eval(tyres)
+        self.momentum.append(plant.CalcSpatialMomentumInWorldAboutPoint(own, np.zeros(3)).translational())
         if self._before is not None:
-            early_contacts, early_elastic, early_damped = self._before
+            early_contacts, early_elastic, early_damped, yaw_rate = self._before
             power = -0.5 * (damped + early_damped)
+            force = np.array([0.0, 0.0, -GRAVITY * plant.CalcTotalMass(own, [part.instance])])
             for early, late, rubber, load, (fx, fy, _, _, _) in zip(
                 early_contacts, contacts, early_elastic, loads, forces, strict=True
             ):
                 power -= (load - rubber) * 0.5 * (early.rate + late.rate)
                 power += fx * 0.5 * (early.vx - early.spin * early.rolling + late.vx - late.spin * late.rolling)
                 power += fy * 0.5 * (early.vy + late.vy)
+                power -= self._brake * 0.5 * abs(early.spin + late.spin)
+                # The vehicle yaws during the step, and its forces with it.
+                turn = 0.5 * part.period * yaw_rate
+                force += (fx - turn * fy) * np.array(early.ahead) + (fy + turn * fx) * np.array(early.left)
+                force += load * np.array(early.normal)
             self.work.append(self.work[-1] + part.period * power)
-        self._before = (contacts, elastic, damped)
+            self.impulse.append(self.impulse[-1] + part.period * force)
+        self._before = (contacts, elastic, damped, base.turning[2])

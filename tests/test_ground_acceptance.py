@@ -202,6 +202,85 @@ def test_a_car_over_sines_has_the_responses_of_the_linear_car(
     assert np.degrees(np.abs(np.angle(ratios))).max() < phase
 
 
+# --- braking and steering on a plate and on a bump -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(0.0, 12.0, 0.0), (1.5, 12.0, 0.0), (1.51, 0.0, 0.0)],
+        [(0.0, 12.0, 0.0), (1.5, 12.0, 0.0), (1.9, 12.0, 0.05)],
+    ],
+    ids=["brake", "steer"],
+)
+def test_brake_and_steer_on_a_plate_as_on_the_plane(tmp_path: Path, rows: list[tuple[float, float, float]]) -> None:
+    """A plate of 20 mm, on which the car drives before: loads and forces within 1 % of their largest value."""
+    plate = {"box": [60.0, 40.0, 0.02], "at": [34.0, 0.0], "driven_over": True}
+    plane, raised = (
+        drive(tmp_path, rows=rows, speed=12.0, duration=3.0, world={"props": props}, relief=[{"plane": {}}])
+        for props in ([], [plate])
+    )
+    late = plane.index > 1.5
+    assert (raised["ego.z"] - plane["ego.z"])[late].mean() == pytest.approx(0.02, abs=5e-4)
+    for names in (WHEEL_LOADS, TYRE_FX, TYRE_FY):
+        largest = max(plane[names].abs().to_numpy().max(), 100.0)
+        assert (raised[names] - plane[names])[late].abs().to_numpy().max() < 0.01 * largest
+
+
+BRAKE = 300.0  # torque of each brake [N m]: 0.23 g
+BUMP = {"bump": {"at": [6.0, 0.0], "length": 0.6, "height": "50 mm", "width": 12.0}}
+
+
+@pytest.mark.parametrize(("brake", "steering"), [(BRAKE, 0.0), (0.0, 0.06), (BRAKE, 0.06)], ids=str)
+def test_energy_and_momentum_of_braking_and_steering_over_a_bump(
+    tmp_path: Path, brake: float, steering: float
+) -> None:
+    """A bump of 50 mm at 8 m/s, in a turn of 0.3 g or with brakes that do not lock a wheel.
+
+    The energy decreases by the work of dampers, tyres and brakes, and the momentum changes by the forces of the ground
+    along the tyre axes. Behind the bump the car moves as on the plane.
+    """
+    model, runs = free_handling(tmp_path, "bolt"), []
+    for relief in ([BUMP], [{"plane": {}}]):
+        assembly = on_ground(
+            tmp_path,
+            relief=relief,
+            model=model,
+            speed=8.0,
+            step=0.0025,
+            rows=[(0.0, 8.0, 0.0), (0.2, 8.0, steering)],
+            plant={"air_density": 0.0},
+            systems={"torque": {"kind": "constant", "value": [0.0] * 4 + [brake] * 4}},
+            connect=[["torque.y", "ego.wheel_torque"]],
+        )
+        watch = TyreEnergy(assembly, brake)
+        runs.append((Simulation(assembly).run(duration=2.2, monitor=watch).signals, watch))
+    (bump, watch), (plane, _) = runs
+    # The weight that the bump shifts is a part of its tyres' forces.
+    spread = bump[WHEEL_LOADS].to_numpy().max() / plane[WHEEL_LOADS].to_numpy().max()
+    assert spread > 1.4
+    begin = 200 if steering else 0  # the servo moves the wheels in the first half second
+    lost, dissipated = watch.energy[-1] - watch.energy[begin], watch.work[-1] - watch.work[begin]
+    assert lost < -100.0
+    assert dissipated == pytest.approx(lost, rel=0.01)
+    change, impulse = watch.momentum[-1] - watch.momentum[0], watch.impulse[-1] - watch.impulse[0]
+    assert impulse == pytest.approx(change, abs=0.01 * np.linalg.norm(watch.momentum[0]) * 0.3)
+    # Behind the bump, at the same speed.
+    wheels = ["ego.wheel_speed.front_left", "ego.wheel_speed.rear_right"]
+    assert (bump[wheels].to_numpy() > 1.0).all()
+    if brake:
+        assert bump[TYRE_FX].iloc[-80:].mean().sum() == pytest.approx(plane[TYRE_FX].iloc[-80:].mean().sum(), rel=0.01)
+    else:
+        last = [run.iloc[-80:].mean() for run in (bump, plane)]
+        speeds = [row["ego.vx"] for row in (abs(last[0]), abs(last[1]))]
+        assert min(speeds) > 1.0
+        curvature = [
+            run["ego.wz"].iloc[-80:].mean() / np.hypot(run["ego.vx"], run["ego.vy"]).iloc[-80:].mean()
+            for run in (bump, plane)
+        ]
+        assert curvature[0] == pytest.approx(curvature[1], rel=0.01)
+
+
 # --- bumps and kerbs ----------------------------------------------------------------------------------------------
 
 
