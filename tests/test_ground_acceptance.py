@@ -4,6 +4,7 @@ import re
 import shutil
 from math import cos, pi, radians, sqrt, tan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -232,19 +233,18 @@ BUMP = {"bump": {"at": [6.0, 0.0], "length": 0.6, "height": "50 mm", "width": 12
 
 
 @pytest.mark.parametrize(("brake", "steering"), [(BRAKE, 0.0), (0.0, 0.06), (BRAKE, 0.06)], ids=str)
-def test_energy_and_momentum_of_braking_and_steering_over_a_bump(
-    tmp_path: Path, brake: float, steering: float
-) -> None:
+def test_energy_and_momentum_of_braking_and_steering_over_a_bump(tmp_path: Path, brake: float, steering: float) -> None:
     """A bump of 50 mm at 8 m/s, in a turn of 0.3 g or with brakes that do not lock a wheel.
 
     The energy decreases by the work of dampers, tyres and brakes, and the momentum changes by the forces of the ground
     along the tyre axes. Behind the bump the car moves as on the plane.
     """
     model, runs = free_handling(tmp_path, "bolt"), []
-    for relief in ([BUMP], [{"plane": {}}]):
+    layers: list[dict[str, Any]] = [BUMP, {"plane": {}}]
+    for layer in layers:
         assembly = on_ground(
             tmp_path,
-            relief=relief,
+            relief=[layer],
             model=model,
             speed=8.0,
             step=0.0025,
@@ -264,18 +264,16 @@ def test_energy_and_momentum_of_braking_and_steering_over_a_bump(
     assert lost < -100.0
     assert dissipated == pytest.approx(lost, rel=0.01)
     change, impulse = watch.momentum[-1] - watch.momentum[0], watch.impulse[-1] - watch.impulse[0]
-    assert impulse == pytest.approx(change, abs=0.01 * np.linalg.norm(watch.momentum[0]) * 0.3)
-    # Behind the bump, at the same speed.
+    assert impulse == pytest.approx(change, abs=0.003 * float(np.linalg.norm(watch.momentum[0])))
+    # Behind the bump.
     wheels = ["ego.wheel_speed.front_left", "ego.wheel_speed.rear_right"]
     assert (bump[wheels].to_numpy() > 1.0).all()
     if brake:
-        assert bump[TYRE_FX].iloc[-80:].mean().sum() == pytest.approx(plane[TYRE_FX].iloc[-80:].mean().sum(), rel=0.01)
+        forces = [float(run[TYRE_FX].to_numpy()[-80:].mean()) for run in (bump, plane)]
+        assert forces[0] == pytest.approx(forces[1], rel=0.01)
     else:
-        last = [run.iloc[-80:].mean() for run in (bump, plane)]
-        speeds = [row["ego.vx"] for row in (abs(last[0]), abs(last[1]))]
-        assert min(speeds) > 1.0
         curvature = [
-            run["ego.wz"].iloc[-80:].mean() / np.hypot(run["ego.vx"], run["ego.vy"]).iloc[-80:].mean()
+            run["ego.wz"].tail(80).mean() / np.hypot(run["ego.vx"], run["ego.vy"]).tail(80).mean()
             for run in (bump, plane)
         ]
         assert curvature[0] == pytest.approx(curvature[1], rel=0.01)

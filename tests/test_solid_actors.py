@@ -84,6 +84,21 @@ def test_a_vehicle_that_hits_a_solid_actor_pushes_it_and_is_slowed_down(tmp_path
     assert abs(lost - gained) < outside
 
 
+def test_the_body_of_a_solid_actor_climbs_a_grade_and_is_hit_there(tmp_path: Path) -> None:
+    """10 %, from 2 m above the lowest ground: the body is at the height of the road, and a vehicle hits it."""
+    grade = {"size": [200, 200], "relief": [{"plane": {"grade": 0.1, "height": "2 m"}}]}
+    car = {"actor": "sedan", "name": "car", "path": [[12, 0], [60, 0]], "speed": 1, "body": "solid"}
+    drive = simulation(world_file(tmp_path, tracks=None, ground=grade, actors=[car]), speed=8.0)
+    run = drive.run(duration=2.2)
+    (hit,) = run.summary["vehicles"]["ego"]["collisions"]
+    assert hit["with"] == "car"
+    _, bodies, _ = body_states(drive, 2.2)
+    assert bodies.shape[1] == 8
+    early = bodies[:100]  # before the impact
+    assert early[:, 2] == pytest.approx(2.0 + 0.1 * early[:, 0], abs=5e-3)
+    assert bodies[-1, 4] > 1.5  # pushed uphill
+
+
 @pytest.mark.slow
 def test_the_force_of_a_solid_actor_is_that_of_its_hardest_braking(tmp_path: Path) -> None:
     drive, _ = crash(tmp_path, "solid", speed=3.0)

@@ -67,7 +67,8 @@ class Traffic(LeafSystem):
         states (6 n): :data:`PLANAR` of each actor.
         signals (9 n): :data:`RECORDED` of each actor.
         poses: FramePoseVector of the frames A.
-        desired (6 k): x, y, yaw of all solid actors after the next step of the plant, then their rates now.
+        desired (6 k, on a relief 8 k): x, y, yaw of all solid actors after the next step of the plant, then their rates
+            now; on a relief x, y, z, yaw.
         motion_<name> (7): :data:`MOTION` of each actor that is a full vehicle.
         line_<name> (1) [m]: of each vehicle that drives by the right of way: station of the line of a junction that it
             must not pass, on its track; infinite: none.
@@ -135,7 +136,8 @@ class Traffic(LeafSystem):
         solid = [self.names.index(name) for name in scene.solid]
         rows = [len(PLANAR) * i for i in solid]
         self._solid = np.array([row + k for part in (0, 3) for row in rows for k in range(part, part + 3)], dtype=int)
-        self.desired = self.DeclareVectorOutputPort("desired", len(self._solid), self._calc_desired, set(needs))
+        size = len(self._solid) + (0 if scene.terrain.flat else 2 * len(rows))
+        self.desired = self.DeclareVectorOutputPort("desired", size, self._calc_desired, set(needs))
         self.motions = {
             actor.name: declare_vector_output(
                 self,
@@ -199,8 +201,16 @@ class Traffic(LeafSystem):
         output.SetFromVector(self._planar(context).ravel())
 
     def solid_states(self, context: Context) -> Array:
-        """Return x, y, yaw of all solid actors, then their rates (6 k), in the order of the joints of their bodies."""
-        return np.asarray(self.states.Eval(context)[self._solid])
+        """Return the desired state of the bodies of all solid actors now, in the order of their joints."""
+        values = np.asarray(self.states.Eval(context)[self._solid])
+        if self._scene.terrain.flat:
+            return values
+        places, rates = values.reshape(2, -1, 3)
+        # z is the height of the ground under the frame of the actor.
+        ground = self._scene.terrain.slopes(places[:, 0], places[:, 1])
+        climb = ground[:, 1] * rates[:, 0] + ground[:, 2] * rates[:, 1]
+        both = (np.insert(part, 2, z, axis=1) for part, z in ((places, ground[:, 0]), (rates, climb)))
+        return np.concatenate([part.ravel() for part in both])
 
     def _calc_desired(self, context: Context, output: BasicVector) -> None:
         values = self.solid_states(context)

@@ -28,6 +28,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
+    Joint,
     ModelInstanceIndex,
     PdControllerGains,
     PrismaticJoint,
@@ -97,17 +98,21 @@ class ActorsInScene:
 def add_solid_actors(plant: MultibodyPlant, world: World) -> ActorsInScene:
     """Add the bodies of the solid actors of a world to a plant that is not finalised yet, before the world.
 
-    Each moves in the plane, on joints along x, y and about z of W at its frame A. PD controllers, which Drake solves
-    implicitly with the contact, hold them at their desired state: the motion of the actor. They are critically damped,
-    and their force is limited to that of the actor's hardest braking: a vehicle that hits it pushes it off its way.
+    Each moves in the plane, on joints along x, y and about z of W at its frame A; on a relief also along z, upright at
+    the height of the ground. PD controllers, which Drake solves implicitly with the contact, hold them at their desired
+    state: the motion of the actor. They are critically damped, and their force in the plane is limited to that of the
+    actor's hardest braking: a vehicle that hits it pushes it off its way.
     """
     solid = [actor for actor in world.actors if actor.spec.body == "solid"]
     if not solid:
         return ActorsInScene()
     instance = plant.AddModelInstance("actors")
+    terrain = world.ground.terrain
     for actor in solid:
-        _add_body(plant, instance, actor)
-    return ActorsInScene(solid=tuple(actor.name for actor in solid), instance=instance)
+        _add_body(plant, instance, actor, rises=not terrain.flat)
+    # The ground bears them.
+    plant.set_gravity_enabled(instance, False)
+    return ActorsInScene(solid=tuple(actor.name for actor in solid), instance=instance, terrain=terrain)
 
 
 def exclude_world(plant: MultibodyPlant, scene_graph: SceneGraph, actors: ActorsInScene) -> None:
@@ -122,29 +127,27 @@ def exclude_world(plant: MultibodyPlant, scene_graph: SceneGraph, actors: Actors
     scene_graph.collision_filter_manager().Apply(declaration)
 
 
-def _add_body(plant: MultibodyPlant, instance: ModelInstanceIndex, actor: Actor) -> None:
-    """Add the body of a solid actor with its joints and controllers."""
+def _add_body(plant: MultibodyPlant, instance: ModelInstanceIndex, actor: Actor, *, rises: bool) -> None:
+    """Add the body of a solid actor with its joints and controllers; `rises` adds the joint along z."""
     prop, behaviour = actor.prop, actor.spec.behaviour
     body = plant.AddRigidBody(actor.name, instance, prop.inertia)
     frame = plant.AddFrame(FixedOffsetFrame(f"{actor.name}/A", body.body_frame(), actor.prop_pose.inverse(), instance))
     # Bodies without mass between the joints.
-    slides = [
-        plant.AddRigidBody(f"{actor.name}/{axis}", instance, SpatialInertia.Zero()).body_frame() for axis in ("x", "y")
-    ]
-    joints = [
-        PrismaticJoint(f"{actor.name}/x", plant.world_frame(), slides[0], [1.0, 0.0, 0.0]),
-        PrismaticJoint(f"{actor.name}/y", slides[0], slides[1], [0.0, 1.0, 0.0]),
-        RevoluteJoint(f"{actor.name}/yaw", slides[1], frame, [0.0, 0.0, 1.0]),
-    ]
+    axes = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | ({"z": [0.0, 0.0, 1.0]} if rises else {})
+    joints: list[Joint] = []
+    parent = plant.world_frame()
+    for name, axis in axes.items():
+        slide = plant.AddRigidBody(f"{actor.name}/{name}", instance, SpatialInertia.Zero()).body_frame()
+        joints.append(PrismaticJoint(f"{actor.name}/{name}", parent, slide, axis))
+        parent = slide
+    joints.append(RevoluteJoint(f"{actor.name}/yaw", parent, frame, [0.0, 0.0, 1.0]))
     force = prop.mass * behaviour.braking_limit  # type: ignore[attr-defined]
     # About A; the lever of the tyre forces is half of a wheelbase, that of feet half of the length.
     lever = 0.5 * prop.size[0] * (1.0 if actor.walks else WHEELBASE)
-    inertias = (
-        prop.mass,
-        prop.mass,
-        float(prop.inertia.CalcRotationalInertia().get_moments()[2]) + prop.mass * actor.rear_axle**2,
-    )
-    for joint, inertia, limit in zip(joints, inertias, (force, force, force * lever), strict=True):
+    turning = float(prop.inertia.CalcRotationalInertia().get_moments()[2]) + prop.mass * actor.rear_axle**2
+    inertias = [prop.mass] * len(axes) + [turning]
+    limits = [force, force, *([math.inf] if rises else []), force * lever]
+    for joint, inertia, limit in zip(joints, inertias, limits, strict=True):
         actuator = plant.AddJointActuator(joint.name(), plant.AddJoint(joint), limit)
         actuator.set_controller_gains(PdControllerGains(p=inertia * _STIFF**2, d=2.0 * inertia * _STIFF))
     material = contact_material(prop)

@@ -30,8 +30,8 @@ moves out of the turn (Rajamani, section 15.2; W. F. and D. L. Milliken, Race Ca
     m (v̇y + r vx - gy) - ms h φ̈ = Fxf sin δ + Fyf cos δ + Fyr
     J φ̈ = ms h (v̇y + r vx - gy) + e (Fxf sin δ + Fyf cos δ + Fyr) - (K + ms gz h) φ - D φ̇
 
-(gz is negative, e is the overturning moment of the tyres over their lateral force.) The slip of an axle increases by ε φ, for camber and load transfer; see
-:mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone; the axis is level, and yaw and roll are
+(gz is negative, e is the overturning moment of the tyres over their lateral force.) The slip of an axle increases by
+ε φ, for camber and load transfer; see :mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone; the axis is level, and yaw and roll are
 not coupled by products of inertia.
 
 Low speed. Slip has no meaning at standstill, where tyres become stiff springs. Below the speed v1 the vehicle moves as
@@ -386,9 +386,7 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
         # pendulum.
         righting = (p.roll_stiffness + arm * p.gravity_z) * x.roll + p.roll_damping * x.roll_rate
         # ms h φ̈, from solving the lateral and the roll equation together: both contain v̇y and φ̈.
-        roll_force = (
-            arm * ((arm / p.mass + over) * (lateral + side_rear) - righting) / (around - arm * arm / p.mass)
-        )
+        roll_force = arm * ((arm / p.mass + over) * (lateral + side_rear) - righting) / (around - arm * arm / p.mass)
     fast_vy = (lateral + side_rear + across + roll_force) / p.mass - yaw_rate * vx
     fast_yaw = (a * lateral - b * side_rear) / p.yaw_inertia
 
