@@ -273,7 +273,8 @@ def test_energy_and_momentum_of_braking_and_steering_over_a_bump(tmp_path: Path,
         assert forces[0] == pytest.approx(forces[1], rel=0.01)
     else:
         curvature = [
-            run["ego.wz"].tail(80).mean() / np.hypot(run["ego.vx"], run["ego.vy"]).tail(80).mean()
+            run["ego.wz"].to_numpy()[-80:].mean()
+            / np.linalg.norm(run[["ego.vx", "ego.vy"]].to_numpy()[-80:], axis=1).mean()
             for run in (bump, plane)
         ]
         assert curvature[0] == pytest.approx(curvature[1], rel=0.01)

@@ -30,9 +30,9 @@ moves out of the turn (Rajamani, section 15.2; W. F. and D. L. Milliken, Race Ca
     m (v̇y + r vx - gy) - ms h φ̈ = Fxf sin δ + Fyf cos δ + Fyr
     J φ̈ = ms h (v̇y + r vx - gy) + e (Fxf sin δ + Fyf cos δ + Fyr) - (K + ms gz h) φ - D φ̇
 
-(gz is negative, e is the overturning moment of the tyres over their lateral force.) The slip of an axle increases by
-ε φ, for camber and load transfer; see :mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone; the axis is level, and yaw and roll are
-not coupled by products of inertia.
+(gz is negative, e is the overturning moment of the tyres over their lateral force.) The slip of an axle increases by ε
+φ, for camber and load transfer; see :mod:`mirdrake.single_track.axles`. The position of the roll axis is in h alone;
+the axis is level, and yaw and roll are not coupled by products of inertia.
 
 Low speed. Slip has no meaning at standstill, where tyres become stiff springs. Below the speed v1 the vehicle moves as
 a kinematic single track, from v2 on as above; between them both derivatives are blended with a smooth weight of v²::
