@@ -189,7 +189,7 @@ class Dotted:
 
 
 def with_dots(given):
-    if isinstance(given, tuple) or not given.dtype.names:  # the nodes of the curves, or plain numbers
+    if not given.dtype.names:
         return given
     return list(map(Dotted, given)) if given.shape else Dotted(given)
 

@@ -32,7 +32,7 @@ from mirdrake.assembly.parts.forces import add_outer_forces, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start, start_of_actor
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
 from mirdrake.assembly.parts.taps import Tap, add_taps
-from mirdrake.assembly.parts.vehicles import add_vehicle_systems
+from mirdrake.assembly.parts.vehicles import add_drawn_wheels, add_vehicle_systems
 from mirdrake.assembly.scene import Scene, make_scene
 from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.core.drake_errors import algebraic_loop
@@ -277,6 +277,8 @@ def assemble(
     for part in parts.vehicles.values():
         tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name], expand=expand)
         add_sensors(wiring, parts, part, spec)
+        if meshcat is not None or drawn:
+            add_drawn_wheels(wiring, parts, part)
     # After the vehicles, whose powertrains are the default sources of the wheel torques.
     add_outer_forces(wiring, parts, tyres, spec)
 

@@ -38,6 +38,10 @@ class LiveView:
         self._traffic = assembly.diagram.GetSubsystemByName("traffic") if self._actors.source is not None else None
         if self._actors.source is not None:
             self._actor_poses = scene_graph.get_source_pose_port(self._actors.source)
+        # Wheels that are drawn apart from the bodies of the plant.
+        diagram, names = assembly.diagram, [f"{name}.wheel_poses" for name in assembly.parts.vehicles]
+        wheels: list[Any] = [diagram.GetSubsystemByName(name) for name in names if diagram.HasSubsystemNamed(name)]
+        self._wheels = [(system, scene_graph.get_source_pose_port(system.looks.source)) for system in wheels]
         self._next = 0.0
         self.failed, self.failed_at = False, 0.0
 
@@ -71,5 +75,7 @@ class LiveView:
             states = self._traffic.states.Eval(self._traffic.GetMyContextFromRoot(context))
             # States of actors are (x, y, yaw, ...) in rows of six; the pose needs the first three.
             self._actor_poses.FixValue(self._poses_context, self._actors.poses(states.reshape(-1, 6)[:, :3]))
+        for system, port in self._wheels:
+            port.FixValue(self._poses_context, system.poses.EvalAbstract(system.GetMyContextFromRoot(context)))
         self._context.SetTime(context.get_time())
         self._diagram.ForcedPublish(self._context)

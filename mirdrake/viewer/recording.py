@@ -18,6 +18,8 @@ from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
 from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import PlantSpec, make_plant
+from mirdrake.plant.wheels.motion import REAR_WHEELS
+from mirdrake.plant.wheels.wheel_looks import add_wheel_looks
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, cast_shadows, chase, offline_meshcat, place_camera
@@ -97,6 +99,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     # Nothing is simulated here, so that hydroelastic shapes need not be prepared.
     parts = make_plant(builder, scene.world, scene.vehicles, spec=PlantSpec(contact="point"))
     actors = add_actors(parts.scene_graph, scene.world)
+    looks = {name: add_wheel_looks(parts.plant, parts.scene_graph, part) for name, part in parts.vehicles.items()}
     params = MeshcatVisualizerParams(publish_period=1.0 / frames_per_second)
     visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     diagram = builder.Build()
@@ -132,6 +135,11 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         context.SetTime(float(times[row] - times[0]))
         for reader in readers:
             reader.pose_at(plant_context, row)
+        for reader in readers:
+            wheels = looks[reader.name]
+            if wheels is not None:
+                drawn = wheels.poses(parts.plant.GetPositions(plant_context), reader.rear[row])
+                parts.scene_graph.get_source_pose_port(wheels.source).FixValue(scene_context, drawn)
         for body, poses in loose.items():
             X_WP = RigidTransform(RollPitchYaw(poses[row, 3:]), poses[row, :3])
             parts.plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, body, X_WP)
@@ -182,6 +190,9 @@ class _Reader:
         self.pose = signals[[f"{name}.{key}" for key in _POSE]].to_numpy()
         self._wheels = signals[[f"{name}.wheel_angle.{wheel}" for wheel in WHEELS]].to_numpy()
         self._steering = signals[[f"{name}.steering_angle.{side}" for side in ("left", "right")]].to_numpy()
+        rear = [f"{name}.steering_angle.{wheel}" for wheel in REAR_WHEELS]
+        self.name = name
+        self.rear = signals[rear].to_numpy() if rear[0] in signals else np.zeros((len(signals), len(rear)))
         self._springs = [joint for joint in part.suspension if f"{name}.travel.{WHEELS[0]}" in signals]
         self._travel = signals[[f"{name}.travel.{wheel}" for wheel in WHEELS if self._springs]].to_numpy()
 

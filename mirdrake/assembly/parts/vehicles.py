@@ -19,6 +19,7 @@ from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant, solves_joints
 from mirdrake.plant.powertrain import PEDALS, BatteryPack, DifferentialCoupling, Powertrain
 from mirdrake.plant.rear_steering import RearSteering
+from mirdrake.plant.wheels.wheel_looks import WheelPoses, add_wheel_looks
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.vehicles.powertrain_spec import ElectricPowertrain
@@ -169,6 +170,20 @@ def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, con
         wiring.link(powertrain.powertrain_status, battery.powertrain_status)
         wiring.sources[f"{name}.battery_status"] = (battery.battery_status, signals_of(battery.battery_status))
     return powertrain
+
+
+def add_drawn_wheels(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> None:
+    """Add the poses of the drawn wheels of a vehicle, if they have angles that the bodies of the plant do not have."""
+    looks = add_wheel_looks(parts.plant, parts.scene_graph, part)
+    if looks is None:
+        return
+    poses = WheelPoses(looks, parts.plant)
+    wiring.add(f"{part.name}.wheel_poses", poses)
+    wiring.link(parts.plant.get_state_output_port(), poses.plant_state)
+    wiring.link(poses.poses, parts.scene_graph.get_source_pose_port(looks.source))
+    rear = wiring.systems.get(f"{part.name}.rear_steering")
+    if rear is not None:
+        wiring.link(rear.rear_steering, poses.rear_steering)
 
 
 def _add_rear_steering(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, powertrain: Powertrain | None) -> None:

@@ -34,7 +34,7 @@ from mirdrake.plant.wheels.step import (
     slip_forces,
     turn_along,
 )
-from mirdrake.plant.wheels.tyre_nodes import TyreNodes, find_tyre
+from mirdrake.plant.wheels.tyre_nodes import NODE_PARTS, TyreNodes, find_tyre
 from mirdrake.tyres.relaxation import Contact, Motion
 from mirdrake.tyres.vertical import VerticalTyre, vertical_force
 
@@ -268,5 +268,5 @@ def ground_step(
     return known
 
 
-GROUND_STEP_PARTS = (*STEP_PARTS, *JOINT_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force)
+GROUND_STEP_PARTS = (*STEP_PARTS, *NODE_PARTS, *JOINT_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force)
 """Functions that :func:`ground_step` calls, without the law."""

@@ -14,6 +14,7 @@ from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.wheels.ground_contact import CONTACT_SIZE
 from mirdrake.plant.wheels.ground_step import GROUND_STEP_PARTS, GroundMemory, GroundWheel, ground_step
 from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, Bearing, TyreSystem, make_spinning_wheels
+from mirdrake.plant.wheels.tyre_nodes import TyreCurves
 from mirdrake.tyres.vertical import VerticalTyre
 
 
@@ -53,7 +54,7 @@ class GroundTyres(TyreSystem):
         friction: float = REFERENCE_FRICTION,
     ) -> None:
         ground_wheels = make_ground_wheels(plant, part)
-        wheels = records(GroundWheel, ground_wheels)
+        wheels, static_loads = records(GroundWheel, ground_wheels), [one.wheel.static_load for one in ground_wheels]
         # A repeated step keeps the sampled contacts.
         data, samples, contacts = terrain.data, terrain.samples, np.zeros((len(wheels), CONTACT_SIZE))
         bearing = Bearing(
@@ -61,7 +62,7 @@ class GroundTyres(TyreSystem):
             parts=GROUND_STEP_PARTS,
             memory=GroundMemory,
             wheels=wheels,
-            static_loads=[wheel.wheel.static_load for wheel in ground_wheels],
+            curves=lambda law, laws: TyreCurves(law, laws, static_loads),
             arguments=lambda _, again: (data, samples, contacts, again),
             joints=True,
         )

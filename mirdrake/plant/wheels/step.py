@@ -61,7 +61,6 @@ from mirdrake.plant.plant import TyreSpring, spring_load
 from mirdrake.plant.wheels import motion as wheel_motion
 from mirdrake.plant.wheels.motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
-from mirdrake.plant.wheels.tyre_nodes import NODE_PARTS, TyreNodes, find_tyre
 from mirdrake.tyres import relaxation
 from mirdrake.tyres.coulomb import PIVOT_LENGTH, PIVOT_STIFFNESS
 from mirdrake.tyres.relaxation import (
@@ -84,6 +83,7 @@ _SMALL = 1e-9
 _SLOW = 1e-6  # product of both rates and the squared step below which a sliding tyre is not solved exactly [1]
 
 _LIFTED = 0.1  # load over static load below which measured and spring load are not compared [1]
+_SAME = 1e-4  # change of the load (relative) or of the inclination [rad] that needs no new curve
 _BLEND = 0.2  # weight of a new comparison in the filtered ratio [1]
 _MAX_RATIO = 3.0  # largest plausible ratio of measured to spring load [1]
 
@@ -156,6 +156,8 @@ class Memory(NamedTuple):
         measured: last measured load [N].
         ratio: measured load over spring load [1].
         sprung: load of the spring at the end of the step [N].
+        load: load of the curve [N].
+        inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
     """
@@ -174,6 +176,8 @@ class Memory(NamedTuple):
     measured: float
     ratio: float
     sprung: float
+    load: float
+    inclination: float
     turning: float
     twist: float
 
@@ -188,7 +192,6 @@ def tyre_step(
     cars: Records,
     wheels: Records,
     curves: Records,
-    nodes: TyreNodes,
     memories: Records,
     force: MutableSequence[float],
     after: Records,
@@ -207,8 +210,7 @@ def tyre_step(
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`SpinningCar`.
         wheels: :class:`SpinningWheel`.
-        curves: the tyres at their loads, contact and curve, overwritten.
-        nodes: their nodes.
+        curves: the tyres at their loads; load, inclination, friction, contact and curve.
         memories: :class:`Memory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
@@ -217,7 +219,8 @@ def tyre_step(
         middle_loads: load of each wheel in the middle of the step [N], overwritten.
 
     Returns:
-        Whether all nodes of the curves are known; if not, the results are not valid.
+        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
+        are not valid.
     """
     car, known = cars[0], True
     for i in range(len(force)):
@@ -225,18 +228,29 @@ def tyre_step(
     base = base_motion(x, wheels[0].place.base, car.positions)
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
-        period = car.period
-        # Load now, and the curve at it; if a node is missing, the caller makes it and repeats. The curve of a Coulomb
-        # tyre is valid for every load.
+        period, contact_then = car.period, curve.contact
+        # Load now, and whether the curve is valid for it; without a valid curve the caller makes one and repeats.
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
+        start = before.begun == 0.0
         load, ratio, sprung = _load(wheel, motion, before, loads[i], period)
-        curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
-        if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else motion.inclination, frictions[i]):
-            # The other wheels are still checked, so that the caller makes all missing nodes before it repeats.
+        curve_load, inclination = before.load, before.inclination
+        # Between two measurements the curve stays; forces are only scaled with the load.
+        if start or (
+            not wheel.coulomb
+            and loads[i] != before.measured
+            and (abs(load - curve_load) > _SAME * load or abs(motion.inclination - inclination) > _SAME)
+        ):
+            # A vehicle may start in the air; the curve of a Coulomb tyre is valid for every load.
+            curve_load, inclination = wheel.static_load if wheel.coulomb else load, motion.inclination
+        kept.load, kept.inclination = curve_load, inclination
+        if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
+            # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
             known = False
             continue
-        scale, contact_then = load / curve_load, curve.contact
+
+        # Stiffness and friction follow the present load in proportion, until the next curve.
+        scale = load / curve_load if curve_load > 0.0 else 0.0
         contact = Contact(
             contact_then.stiffness_x * scale,
             contact_then.stiffness_y * scale,
@@ -556,7 +570,6 @@ def _slip_change(
 
 STEP_PARTS = (
     *relaxation.STEP_PARTS,
-    *NODE_PARTS,
     *wheel_motion.STEP_PARTS,
     spring_load,
     _load,

@@ -27,7 +27,7 @@ from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.joint_step import JointMemory, StiffJoint
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
-from mirdrake.plant.wheels.tyre_nodes import TyreCurves
+from mirdrake.plant.wheels.tyre_nodes import ExactCurves, TyreCurves
 from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
 from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
 from mirdrake.tyres.relaxation import RelaxationSettings
@@ -196,7 +196,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         # The law, compiled into the step, and the curves of the tyres at their loads.
         law, laws = wheel_laws(part)
         self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
-        self._tyres = TyreCurves(law, laws, bearing.static_loads)
+        self._tyres = bearing.curves(law, laws)
 
         # Vectors of the ports are copied to and from arrays of which the arguments of the step are views.
         memory, motors = count * record.itemsize // np.dtype(float).itemsize, plant.num_actuators(part.instance)
@@ -222,9 +222,10 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._joints, self._positions, self._period = joints, plant.num_positions(), part.period
         x = self._given[: plant.num_multibody_states() + rear]
         self._torques = np.zeros(2 * count)
-        wheels = (bearing.wheels, self._tyres.curves, self._tyres.nodes, wheels_before.view(record))
+        wheels = (bearing.wheels, *self._tyres.arguments, wheels_before.view(record))
         tyres = (self._torques, self._efforts, self._friction, car, *wheels)
-        results: tuple[Any, ...] = (force, after.view(record), logged.reshape(count, len(FORCES)), resistances, loads)
+        self._after = after.view(record)
+        results: tuple[Any, ...] = (force, self._after, logged.reshape(count, len(FORCES)), resistances, loads)
         if bearing.joints:
             was, will_be = (part.view(record_type(JointMemory)) for part in (joints_before, joints_after))
             results += (self._desired, joints, was, will_be, actuation)
@@ -282,9 +283,9 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Compute the forces of a step, its memory and its logged quantities."""
         self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
         first, again = self._arguments
-        # The step reports missing nodes of the curves; they are made in Python, then the step is repeated.
+        # The step reports missing curves; they are made in Python, then the step is repeated.
         if not self.step(*first):
-            self._tyres.make(self._friction.tolist())
+            self._tyres.make(self._after, self._friction.tolist())
             if not self.step(*again):  # the state is NaN
                 self._solution.fill(np.nan)
 
@@ -304,7 +305,7 @@ class Bearing:
         parts: functions that `step` calls, without the law.
         memory: class of the memory of a wheel; its fields are floats, and zeros at the start.
         wheels: wheels of the vehicle, for `step`.
-        static_loads: load of each wheel at rest [N].
+        curves: (law in steady state, tyre law of each wheel) -> their curves, for `step`.
         arguments: (vector of its inputs, whether the step is repeated) -> arguments of `step` of its own.
         inputs: number of its inputs.
         joints: whether `step` can solve servos, dampers and limits of joints, which a continuous plant needs.
@@ -314,7 +315,7 @@ class Bearing:
     parts: Sequence[Callable[..., Any]]
     memory: type[Any]
     wheels: Records
-    static_loads: Sequence[float]
+    curves: Callable[[SteadyLaw, Sequence[TyreLaw]], ExactCurves | TyreCurves]
     arguments: Callable[..., tuple[Any, ...]]
     inputs: int = 0
     joints: bool = False
@@ -459,15 +460,14 @@ class WheelTyres(TyreSystem):
         first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        spinning = make_spinning_wheels(plant, part)
-        wheels = records(SpinningWheel, spinning)
+        wheels = records(SpinningWheel, make_spinning_wheels(plant, part))
         own = slice(first, first + len(wheels))
         bearing = Bearing(
             step=tyre_step,
             parts=STEP_PARTS,
             memory=Memory,
             wheels=wheels,
-            static_loads=[wheel.static_load for wheel in spinning],
+            curves=ExactCurves,
             arguments=lambda measured, again: (measured[own],),  # noqa: ARG005 - the same for a repeated step
             inputs=loads,
         )
