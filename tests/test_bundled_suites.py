@@ -1,11 +1,13 @@
 """The bundled worlds' own tests: a good driver passes each, a bad one fails it."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from mirdrake.core.paths import names
-from mirdrake.suites import Case, collect_cases
+from mirdrake.core.paths import data_root, names
+from mirdrake.report.suite import render_suite
+from mirdrake.suites import Case, Suite, collect_cases
 from mirdrake.suites.worker import run_case
 
 FIRST = reversed(collect_cases(names("worlds")))  # so that the first variation of each test is the one that stays
@@ -41,6 +43,15 @@ def marked(fast):
 def test_every_bundled_world_has_a_test():
     assert {case.world for case in CASES.values()} == {case.world for case in collect_cases(names("worlds"))}
     assert len({case.world for case in CASES.values()}) == len(names("worlds"))
+
+
+def test_the_page_and_the_command_name_a_shipped_world(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cases = tuple(CASES[key] for key in sorted(CASES) if Path(CASES[key].world).stem == "parking_lot")
+    assert cases[0].command.startswith("mirdrake world test parking_lot --case ")
+    page = render_suite(Suite(cases, ()))
+    assert ">parking_lot</p>" in page
+    assert str(data_root()) not in page
 
 
 @pytest.mark.essential

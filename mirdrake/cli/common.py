@@ -264,12 +264,3 @@ def print_changes(scene: "Scene") -> None:
     """Print a note for each mesh that has changed since a run."""
     for line in scene.changes:
         print(f"note: {line}", file=sys.stderr)
-
-
-def shortest_name(kind: str, path: Path) -> str:
-    """Return the name of a vehicle or diagram if a lookup finds this path, else the path."""
-    from mirdrake.core.paths import names
-
-    name = path.stem if kind == "diagrams" else path.name
-    known = names(kind).get(name)
-    return name if known is not None and known.resolve() == path.resolve() else display_path(path)

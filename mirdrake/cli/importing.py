@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.cli.common import parse_pairs, shortest_name
+from mirdrake.cli.common import parse_pairs
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import display_path
+from mirdrake.core.yaml_io import display_path, shortest_name
 
 if TYPE_CHECKING:
     from mirdrake.importing.vehicles import ImportPlan, ImportResult

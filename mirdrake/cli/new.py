@@ -6,10 +6,9 @@ import textwrap
 from pathlib import Path
 from typing import get_args
 
-from mirdrake.cli.common import shortest_name
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import display_path
+from mirdrake.core.yaml_io import display_path, shortest_name
 from mirdrake.vehicles.questions import (
     BODIES,
     QUANTITIES,

@@ -20,6 +20,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
 from mirdrake.core.json_io import Json
+from mirdrake.core.paths import names, resolved
 from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.core.yaml_tree import Source as Source
 from mirdrake.core.yaml_tree import in_file, merge_over
@@ -257,6 +258,18 @@ def display_path(path: Path) -> str:
         return str(path.resolve().relative_to(Path.cwd()))
     except (OSError, RuntimeError, ValueError):  # no working directory, a loop of links, or another folder
         return str(path)
+
+
+def shortest_name(kind: str, path: Path) -> str:
+    """Return the name of a vehicle, world or diagram if a lookup finds this path, else the path for display.
+
+    Args:
+        kind: "models", "worlds" or "diagrams".
+        path: the folder of a vehicle, or the file.
+    """
+    name = path.name if kind == "models" else path.stem
+    known = names(kind).get(name)
+    return name if known is not None and resolved(known) == resolved(path) else display_path(path)
 
 
 # --- the inner parts ---------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.files import write_file
-from mirdrake.core.yaml_io import display_path
+from mirdrake.core.yaml_io import shortest_name
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve
 from mirdrake.report.words import format_duration, format_quantity
@@ -107,7 +107,7 @@ def render_suite(suite: Suite) -> str:
     rows = [_row(case, result, largest, detailed=index < _MOST_DETAILS) for index, (case, result) in enumerate(ranked)]
     detailed = zip(rows, ranked[:_MOST_DETAILS], strict=False)
     details = [_detail(suite, case, result, row, largest) for row, (case, result) in detailed]
-    worlds = list(dict.fromkeys(display_path(Path(case.world)) for case in suite.cases))
+    worlds = list(dict.fromkeys(shortest_name("worlds", Path(case.world)) for case in suite.cases))
     return render_page(
         _TEMPLATE,
         title=f"{', '.join(Path(world).stem for world in worlds) or 'suite'} · test report",

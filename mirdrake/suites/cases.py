@@ -15,7 +15,7 @@ from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
-from mirdrake.core.yaml_io import display_path, read_tree, where
+from mirdrake.core.yaml_io import read_tree, shortest_name, where
 from mirdrake.requirements import Requirement, parse_requirement
 from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
 from mirdrake.requirements.surroundings import GAP
@@ -95,7 +95,7 @@ class Case:
         # When values for all variations are pinned, there is only one variation left, which needs no number.
         name = self.test if self.pinned.keys() >= self.values.keys() and self.pinned else f"{self.test}#{number}"
         pins = "".join(f" -p {key}={shlex.quote(str(value))}" for key, value in self.pinned.items())
-        return f"mirdrake world test {shlex.quote(display_path(Path(self.world)))} --case {name}{pins}"
+        return f"mirdrake world test {shlex.quote(shortest_name('worlds', Path(self.world)))} --case {name}{pins}"
 
     def digest(self) -> str:
         """Return the digest of the case; equal cases have equal digests."""
