@@ -4,15 +4,18 @@ import html
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
 from mirdrake.report.tuning_axes import Shown
-from mirdrake.report.tuning_charts import draw_distribution
+from mirdrake.report.tuning_charts import draw_distribution, draw_map
 from mirdrake.report.words import format_quantity
 from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.result import TABLES, Schedule, ScheduleRow, ScheduleTest, TuningResult, read_result
@@ -244,3 +247,26 @@ def test_a_distribution_is_cut_only_where_six_times_the_best_has_a_meaning(tops,
     shown = [Shown(name, "best", "main") for name in ("a", "b")]
     draw_distribution(table, "margin", "Margin", shown)
     assert ((0.0, 6.0) in limits) is cut
+
+
+def test_labels_of_the_map_of_gains_do_not_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three candidates in neighbouring cells, in the middle and in a corner of the map."""
+    figures: list[Figure] = []
+    monkeypatch.setattr("mirdrake.report.tuning_charts.embed", lambda figure, *_: figures.append(figure))
+    rows = [(kp, ki, kp + ki, 1.2, True) for kp in range(1, 20) for ki in range(1, 15)]
+    table = pd.DataFrame(rows, columns=["kp", "ki", "cost", "ms", "stable"])
+    for kp, ki in ((9.0, 8.0), (18.0, 1.0), (1.0, 14.0)):
+        roles = (("baseline", "edge"), ("best rule", "own1"), ("nearest", "main"))
+        marks = [
+            (Shown(role, role, colour), {"kp": kp + 0.3 * place, "ki": ki - 0.1 * place})
+            for place, (role, colour) in enumerate(roles)
+        ]
+        draw_map(table, marks, None)
+        figure = figures.pop()
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        boxes = [text.get_window_extent(renderer) for text in figure.axes[0].texts]
+        assert len(boxes) == 3
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+        frame = figure.axes[0].bbox
+        assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in boxes)
+        assert all(frame.y0 <= box.y0 and box.y1 <= frame.y1 for box in boxes)

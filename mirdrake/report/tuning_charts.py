@@ -6,7 +6,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import shapely
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -125,23 +128,50 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
         if log:
             make_log(axes, axis)
         getattr(axes, f"set_{axis}label")(name)
+    dots = []
     for entry, gains in marks:
         point = float(gains.get(x_name, math.nan)), float(gains.get(y_name, math.nan))
         if edges[0][0] <= point[0] <= edges[0][-1] and edges[1][0] <= point[1] <= edges[1][-1]:
             axes.plot(*point, marker="o", markersize=9.0, markerfacecolor=THEME["paper"], markeredgewidth=2.6,
                       markeredgecolor=THEME[entry.colour], linestyle="none")  # fmt: skip
-            # Below its dot, so that two labels do not overlap, unless the axis is there.
-            height = axes.transAxes.inverted().transform(axes.transData.transform(point))[1]
-            axes.annotate(
-                entry.role,
-                point,
-                xytext=(10, 6 if entry.colour == "main" or height < 0.1 else -15),
-                textcoords="offset points",
-                color=THEME["ink"],
-                fontsize=12.0,
-                bbox={"boxstyle": "round,pad=0.15", "facecolor": THEME["paper"], "edgecolor": "none", "alpha": 0.85},
-            )
+            dots.append((entry.role, point))
+    # In reverse, so that the candidate on top has the best place.
+    _label_dots(axes, dots[::-1])
     return embed(figure, "map", f"Cost over {x_name} and {y_name}, with the limit of stability")
+
+
+def _label_dots(axes: Axes, dots: Sequence[tuple[str, tuple[float, float]]]) -> None:
+    """Write labels beside dots, inside the axes and without overlaps if possible.
+
+    Args:
+        axes: axes with their final limits.
+        dots: text and point of each label; the first ones choose first.
+    """
+    # A figure has 72 dots per inch: pixels are points.
+    places = [axes.transData.transform(point) for _, point in dots]
+    taken = [shapely.box(x - 6.0, y - 6.0, x + 6.0, y + 6.0) for x, y in places]
+    frame, renderer = shapely.box(*axes.bbox.extents), FigureCanvasAgg(axes.figure).get_renderer()
+    for (text, point), (x, y) in zip(dots, places, strict=True):
+        label = axes.annotate(
+            text,
+            point,
+            xytext=(0.0, 0.0),
+            textcoords="offset points",
+            color=THEME["ink"],
+            fontsize=12.0,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": THEME["paper"], "edgecolor": "none", "alpha": 0.85},
+        )
+        size = label.get_window_extent(renderer)
+        choices = [(dx, dy) for dy in (6.0, -15.0, 26.0, -35.0) for dx in (10.0, -10.0 - size.width)]
+        boxes = [shapely.box(x + dx, y + dy - 4.0, x + dx + size.width, y + dy + size.height) for dx, dy in choices]
+        # The first of the choices with the smallest part outside or over something.
+        losses = [
+            box.area - box.intersection(frame).area + sum(box.intersection(other).area for other in taken)
+            for box in boxes
+        ]
+        best = losses.index(min(losses))
+        taken.append(boxes[best])
+        label.xyann = choices[best]
 
 
 def map_gains(table: pd.DataFrame) -> tuple[str, str]:
