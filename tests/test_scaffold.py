@@ -25,9 +25,10 @@ from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle, scaffold
 from mirdrake.vehicles.bodywork import write_car
-from mirdrake.vehicles.estimates import HOW, TURNING_CIRCLE, Estimates, estimate
+from mirdrake.vehicles.estimates import HOW, ROBOT_MASS, TURNING_CIRCLE, Estimates, estimate
 from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.vehicles.plausibility import DYNAMIC_INDICES
 from mirdrake.vehicles.questions import BODIES, QUANTITIES, ask, parse_tyre
 from mirdrake.vehicles.scaffold import new_vehicle, vehicle_place, write_diagram
 from mirdrake.vehicles.vehicle_plan import plan_vehicle
@@ -216,6 +217,16 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
     assert abs(np.median(errors)) < 0.06
     assert np.std(errors) < 0.16
     assert np.abs(errors).max() < math.log(1.36)
+
+
+def test_the_plausible_yaw_inertias_are_those_of_published_vehicles() -> None:
+    robots, cars = [], []
+    for row in table("yaw_inertias.csv"):
+        mass, front, rear, inertia = (float(row[key]) for key in ("mass_kg", "front_m", "rear_m", "yaw_inertia_kgm2"))
+        (robots if mass < ROBOT_MASS else cars).append(inertia / (mass * front * rear))
+    assert len(robots) >= 5
+    limits = [limit for group in (robots, cars) for limit in (min(group), max(group))]
+    assert [limit for pair in DYNAMIC_INDICES for limit in pair] == pytest.approx(limits, abs=0.005)
 
 
 def test_the_written_vehicle_has_the_given_dimensions(tmp_path: Path) -> None:
