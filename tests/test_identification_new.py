@@ -198,6 +198,7 @@ def test_a_data_file_is_not_overwritten(tmp_path, capsys):
         ("Lenkwinkelgeschwindigkeit", None), ("Breitengrad", "latitude"), ("Querneigung", "bank"),
         ("FahrpedalStellung", "throttle"), ("brake_pressure", "brake"), ("Motordrehzahl", "engine_speed"),
         ("accel_pedal", "throttle"), ("target_lane", None), ("heading", "yaw"), ("v_z", None),
+        ("ego.speed_trim", None), ("ego.heading_error", None), ("yaw_rate_std", None),
     ],
 )  # fmt: skip
 def test_names_of_columns(column, expected):

@@ -10,8 +10,10 @@ _COMMAND = r"(cmd|command|target|soll|desired|request|demand|set_?point|consigne
 _SPEED, _STEER = r"(speed|vel|geschw|vitesse|v$)", r"(steer|lenk|delta|servo|spurwinkel|wheel_angle)"
 _ACC, _GYRO = r"(acc|accel|acceleration|beschl)\w*", r"(gyro|gyr|angular|ang|rot|rotation|omega)\w*"
 _TYRE = r"(tyre|tire|wheel|rad|reifen)"
+_ERROR = r"(error|err|trim|deviation|residual|correction|abweichung|fehler|korrektur|ecart|erreur|std|stddev|variance)"
 
 NAMES: tuple[tuple[str, str], ...] = (
+    ("", rf"(^|_){_ERROR}(_|$)"),  # of a controller or an estimator: not the quantity itself
     ("speed_command", rf"{_COMMAND}.*{_SPEED}|(^v|speed|vel|geschw)[a-z_]*_{_COMMAND}"),
     ("steering_command", rf"{_COMMAND}.*{_STEER}|{_STEER}[a-z_]*_{_COMMAND}"),
     ("", _COMMAND),
