@@ -55,13 +55,18 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests as slow by their recorded times, before pytest chooses by marks; none while times are recorded."""
-    if config.getoption("--times"):
-        return
-    recorded = json.loads(TIMES.read_text(encoding="utf-8"))["tests over 1 s"]
-    for item in items:
-        if recorded.get(item.nodeid, 0.0) > LONGEST and "essential" not in item.keywords:
+    """Mark tests as slow by their recorded times, before pytest chooses by marks; none while times are recorded.
+
+    Files that take longest come first, so that all workers end at about the same time.
+    """
+    recorded = json.loads(TIMES.read_text(encoding="utf-8"))
+    left = dict(recorded["files"])
+    for item in items if not config.getoption("--times") else ():
+        seconds = recorded["tests over 1 s"].get(item.nodeid, 0.0)
+        if seconds > LONGEST and "essential" not in item.keywords:
             item.add_marker(pytest.mark.slow)
+            left[item.path.name] -= seconds
+    items.sort(key=lambda item: (-left.get(item.path.name, 0.0), item.path.name))
 
 
 @pytest.hookimpl(hookwrapper=True)

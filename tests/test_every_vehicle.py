@@ -35,7 +35,11 @@ EACH_CONTACT = [
 ]
 """Every vehicle in point contact, and the car with most validation and the smallest vehicle in hydroelastic contact."""
 
-VARIANTS = [f"{model}@{name}" for model in MODELS for name in variants(ROOT / "models" / model)]
+_FAST_VARIANTS = ["bolt@energy", "catvehicle@explorer", "mkz@handling", "unior@published"]
+_VARIANTS = [f"{model}@{name}" for model in MODELS for name in variants(ROOT / "models" / model)]
+VARIANTS = mostly_slow(
+    [*_FAST_VARIANTS, *(name for name in _VARIANTS if name not in _FAST_VARIANTS)], fast=len(_FAST_VARIANTS)
+)
 
 
 def run(model, control, *, duration, world="empty", contact="point", start=None, speed=None):
@@ -116,7 +120,7 @@ def test_it_drives_a_figure_eight_under_path_tracking(model, contact):
 
 @pytest.mark.parametrize(
     ("model", "world", "contact"),
-    [*ONE_MODEL_PER_WORLD, *(pytest.param(*case, marks=pytest.mark.slow) for case in ALL_OTHERS)],
+    mostly_slow([*ONE_MODEL_PER_WORLD, *ALL_OTHERS], fast=2 * len(MODELS)),
 )
 def test_random_commands_leave_it_finite_and_no_deeper_in_the_road(model, world, contact):
     rng = np.random.default_rng(2026)

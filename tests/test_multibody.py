@@ -36,6 +36,7 @@ from tests.commonroad_rig import (
     manoeuvre,
     reference_trace,
 )
+from tests.marks import mostly_slow
 from tests.tir_files import write_tir
 
 SLIPS = np.random.default_rng(6).uniform([-0.5, -0.4, 500.0, -0.1], [0.5, 0.4, 9000.0, 0.1], size=(200, 4))
@@ -210,7 +211,7 @@ def _reduced(folder: Path, name: str, steering: str) -> tuple[float, float]:
     ("steering", "yaw", "side"),
     [("step", 95.0, 95.0), ("low_sweep", 95.0, 95.0), ("mid_sweep", 93.0, 90.0), ("ramp", 95.0, 95.0)],
 )
-@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize("name", mostly_slow(CARS))
 def test_reduced_model_follows_the_package_as_published_up_to_1_5_hz(name, steering, yaw, side, tmp_path):
     fit_percent = _reduced(tmp_path, name, steering)
     assert fit_percent[0] > yaw

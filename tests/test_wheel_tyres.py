@@ -1,5 +1,6 @@
 """Tyre models in the plant: forces at known slips, cornering, standstill, brakes, energy, steps, worlds, bad input."""
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -49,6 +50,12 @@ def bolt(tmp_path_factory):
     return lambda variant: f"{folder}@{variant}"
 
 
+@pytest.fixture(scope="module")
+def free_car(bolt):
+    """Return the diagram of a car whose wheels nothing drives; tests change only contexts of it."""
+    return cache(lambda kind: on_tyres(bolt(f"{kind}_free"), contact="point"))
+
+
 # --- forces at known slips ---------------------------------------------------------------------------------------
 
 
@@ -77,8 +84,8 @@ def expected(kind, kappa, tan_alpha, load, vx, gamma, friction):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("slip", [-0.3, -0.03, 0.0, 0.02])
 @pytest.mark.parametrize(("vy", "steering", "roll"), [(0.0, 0.0, 0.0), (0.6, 0.0, 0.005), (-2.0, 0.1, -0.003)])
-def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip, vy, steering, roll):
-    assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
+def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(free_car, kind, slip, vy, steering, roll):
+    assembly = free_car(kind)
     state = sliding_state(assembly, vy=vy, slip=slip, steering=steering, roll=roll)
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     forces = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4)
@@ -96,8 +103,8 @@ def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_car_that_slides_to_its_left_is_pushed_to_the_right(bolt, kind):
-    assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
+def test_a_car_that_slides_to_its_left_is_pushed_to_the_right(free_car, kind):
+    assembly = free_car(kind)
     forces = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=0.5), [4000.0] * 4)
     assert (forces[:, 4] > 0.0).all()
     assert (forces[:, 1] < -500.0).all()
@@ -105,8 +112,8 @@ def test_a_car_that_slides_to_its_left_is_pushed_to_the_right(bolt, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_combined_slip_stays_in_the_friction_ellipse_and_costs_lateral_force(bolt, kind):
-    assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
+def test_combined_slip_stays_in_the_friction_ellipse_and_costs_lateral_force(free_car, kind):
+    assembly = free_car(kind)
     peaks = []
     for slip, vy in [(0.0, 0.9), (-0.05, 0.9), (-0.15, 0.9), (-0.6, 0.9), (-0.15, 0.0), (0.1, 3.0)]:
         forces = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=vy, slip=slip), [4000.0] * 4)
@@ -120,8 +127,8 @@ def test_combined_slip_stays_in_the_friction_ellipse_and_costs_lateral_force(bol
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_tyre_under_twice_the_load_gives_less_than_twice_the_force(bolt, kind):
-    assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
+def test_a_tyre_under_twice_the_load_gives_less_than_twice_the_force(free_car, kind):
+    assembly = free_car(kind)
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     sides = []
     for times in (1.0, 2.0, 0.0):

