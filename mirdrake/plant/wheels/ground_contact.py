@@ -24,12 +24,11 @@ Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an ob
 """
 
 from collections.abc import MutableSequence, Sequence
-from math import acos, asin, cos, sin, sqrt
+from math import acos, asin, sin, sqrt
 from typing import NamedTuple
 
 from mirdrake.ground.layers import TerrainData, ground_at
-from mirdrake.plant.wheels.arms import arm_motion
-from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace
+from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace, wheel_pose
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
 _STRIDE, _GAP = 8, 0.02  # every eighth sample is taken; those between only where the disc is nearer to the ground [m]
@@ -178,24 +177,9 @@ def ground_contact(
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     bx, by, bz = base.place
     wx, wy, wz = base.turning
-    # Wheels without a steering or suspension joint keep these values.
-    angle, rate, travel, rise = 0.0, 0.0, 0.0, 0.0
-    if wheel.steering[0] >= 0:
-        angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
-    if wheel.suspension[0] >= 0:
-        travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
-    arm = arm_motion(wheel.arms, travel)
-    angle += arm.toe
-    upright, lean = cos(arm.lean), sin(arm.lean)
-    sine, cosine = upright * sin(angle), upright * cos(angle)
-
-    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, lean).
-    px, py, pz = wheel.pivot[0] + arm.x, wheel.pivot[1] + arm.y, wheel.pivot[2] + travel
-    kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
-    ax = xy * cosine - xx * sine + xz * lean
-    ay = yy * cosine - yx * sine + yz * lean
-    az = zy * cosine - zx * sine + zz * lean
-    cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
+    pose = wheel_pose(x, wheel, base, positions)
+    arm, rate, rise, path, sine, cosine = pose.arm, pose.rate, pose.rise, pose.path, pose.sine, pose.cosine
+    (kx, ky, kz), (ax, ay, az), (cx, cy, cz) = pose.pivot, pose.axle, pose.centre
 
     # The effective plane; e is horizontal ahead in the disc, u upwards in it.
     level = max(sqrt(ax * ax + ay * ay), _STEEP)
@@ -218,11 +202,6 @@ def ground_contact(
     # Velocity of the contact centre, carried by base, suspension and steering; that of the wheel centre.
     rx, ry, rz = sx - bx, sy - by, sz - bz
     qx, qy, qz = sx - kx, sy - ky, sz - kz
-    path = (
-        xz + arm.x_rate * xx + arm.y_rate * xy,
-        yz + arm.x_rate * yx + arm.y_rate * yy,
-        zz + arm.x_rate * zx + arm.y_rate * zy,
-    )
     vx = base.velocity[0] + wy * rz - wz * ry + rise * path[0] + rate * (yz * qz - zz * qy)
     vy = base.velocity[1] + wz * rx - wx * rz + rise * path[1] + rate * (zz * qx - xz * qz)
     vz = base.velocity[2] + wx * ry - wy * rx + rise * path[2] + rate * (xz * qy - yz * qx)

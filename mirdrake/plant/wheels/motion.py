@@ -19,7 +19,7 @@ from math import asin, cos, hypot, sin
 from typing import NamedTuple
 
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.plant.wheels.arms import ARM_PARTS, NO_ARMS, Arms, arm_motion, make_arms
+from mirdrake.plant.wheels.arms import ARM_PARTS, NO_ARMS, ArmMotion, Arms, arm_motion, make_arms
 from mirdrake.tyres import SlipTyres
 
 _FLAT = 1e-3  # smallest cosine of the inclination: a wheel on its side has no rolling direction
@@ -175,11 +175,37 @@ def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
     return BaseMotion(rows, place, (x[v], x[v + 1], x[v + 2]), (x[v + 3], x[v + 4], x[v + 5]))
 
 
-def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelMotion:
-    """Return the motion of a wheel; arguments as in :func:`base_motion`."""
+class WheelPose(NamedTuple):
+    """Pose of a wheel in the world, and what moves it.
+
+    Attributes:
+        rate: rate of its steering joint [rad/s].
+        rise: speed of its suspension joint [m/s].
+        arm: motion of the arms of its suspension.
+        sine: component of the axle to the rear in B [1].
+        cosine: component of the axle to the left in B [1].
+        pivot: point of the steering axis (3) [m].
+        axle: direction of its axle, to the left (3).
+        centre: its centre (3) [m].
+        path: derivative of a point of the wheel carrier by the travel (3) [1].
+    """
+
+    rate: float
+    rise: float
+    arm: ArmMotion
+    sine: float
+    cosine: float
+    pivot: tuple[float, float, float]
+    axle: tuple[float, float, float]
+    centre: tuple[float, float, float]
+    path: tuple[float, float, float]
+
+
+def wheel_pose(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelPose:
+    """Return the pose of a wheel; arguments as in :func:`base_motion`."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     bx, by, bz = base.place
-    wx, wy, wz = base.turning
+    # Wheels without a steering or suspension joint keep these values.
     angle, rate, travel, rise = 0.0, 0.0, 0.0, 0.0
     if wheel.steering[0] >= 0:
         angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
@@ -197,6 +223,22 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     ay = yy * cosine - yx * sine + yz * lean
     az = zy * cosine - zx * sine + zz * lean
     cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
+    path = (
+        xz + arm.x_rate * xx + arm.y_rate * xy,
+        yz + arm.x_rate * yx + arm.y_rate * yy,
+        zz + arm.x_rate * zx + arm.y_rate * zy,
+    )
+    return WheelPose(rate, rise, arm, sine, cosine, (kx, ky, kz), (ax, ay, az), (cx, cy, cz), path)
+
+
+def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelMotion:
+    """Return the motion of a wheel; arguments as in :func:`base_motion`."""
+    (_, _, xz), (_, _, yz), (_, _, zz) = base.rows
+    bx, by, bz = base.place
+    wx, wy, wz = base.turning
+    pose = wheel_pose(x, wheel, base, positions)
+    arm, rate, rise, path = pose.arm, pose.rate, pose.rise, pose.path
+    (kx, ky, kz), (ax, ay, az), (cx, cy, cz) = pose.pivot, pose.axle, pose.centre
 
     # Contact centre: from the wheel centre down the wheel plane.
     # The wheel plane is inclined by asin(az), so its steepest line to the road is longer than the height.
@@ -208,11 +250,6 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     # Its velocity, carried by base, suspension and steering.
     rx, ry, rz = sx - bx, sy - by, -bz
     ex, ey, ez = sx - kx, sy - ky, -kz
-    path = (
-        xz + arm.x_rate * xx + arm.y_rate * xy,
-        yz + arm.x_rate * yx + arm.y_rate * yy,
-        zz + arm.x_rate * zx + arm.y_rate * zy,
-    )
     vx = base.velocity[0] + wy * rz - wz * ry + rise * path[0] + rate * (yz * ez - zz * ey)
     vy = base.velocity[1] + wz * rx - wx * rz + rise * path[1] + rate * (zz * ex - xz * ez)
     ahead = vx * along - vy * across
@@ -299,5 +336,5 @@ def add_road_force(
         force[wheel.suspension[1]] += motion.lean * mx
 
 
-STEP_PARTS = (*ARM_PARTS, base_motion, wheel_motion, add_road_force)
+STEP_PARTS = (*ARM_PARTS, base_motion, wheel_pose, wheel_motion, add_road_force)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""
