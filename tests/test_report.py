@@ -15,10 +15,10 @@ import pytest
 import shapely
 
 from mirdrake.assembly.scene import Scene
+from mirdrake.core.curves import thin
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
 from mirdrake.report.drive import _colour_classes, draw_drive, own_track
-from mirdrake.report.figures import thin
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import VehicleSignals

@@ -220,7 +220,8 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
 
 
 def test_the_plausible_yaw_inertias_are_those_of_published_vehicles() -> None:
-    robots, cars = [], []
+    robots: list[float] = []
+    cars: list[float] = []
     for row in table("yaw_inertias.csv"):
         mass, front, rear, inertia = (float(row[key]) for key in ("mass_kg", "front_m", "rear_m", "yaw_inertia_kgm2"))
         (robots if mass < ROBOT_MASS else cars).append(inertia / (mass * front * rear))

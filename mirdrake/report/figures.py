@@ -6,7 +6,6 @@ minute. Texts in a chart are SVG texts in the font of the page.
 
 import io
 import json
-import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from mirdrake.core.curves import thin
 from mirdrake.readers.units import format_unit
 from mirdrake.report.svg import THEME, embed_svg
 from mirdrake.report.words import format_quantity
@@ -125,36 +125,6 @@ def to_svg(figure: Figure) -> str:
     # Date and creator would make equal figures differ.
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
-
-
-def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """Return a curve with the same outline in at most two points per bucket: the lowest and the highest.
-
-    Args:
-        x: N abscissae.
-        y: N ordinates; a bucket without a finite one becomes a gap.
-        buckets: number of stretches of equal count.
-
-    Returns:
-        the points that are left, at most 2·`buckets` + 2: first and last point are always kept.
-    """
-    count = len(x)
-    # Fewer points than the result may have: nothing to thin.
-    if count <= 2 * buckets + 2:
-        return x, y
-    # Buckets of equal count as rows of a matrix; the rest is the tail.
-    size = math.ceil(count / buckets)
-    whole = count // size * size
-    rows = np.isfinite(y[:whole]).reshape(-1, size)
-    values = y[:whole].reshape(-1, size)
-    first = np.arange(0, whole, size)
-    # NaN is replaced by the value that cannot win, so that a bucket with some finite values has a finite point.
-    lowest = first + np.where(rows, values, np.inf).argmin(axis=1)
-    highest = first + np.where(rows, values, -np.inf).argmax(axis=1)
-    tail = np.arange(whole, count, max(1, size // 2))
-    # Sorted and unique: the points stay in the order of time.
-    index = np.unique(np.concatenate(([0], lowest, highest, tail, [count - 1])))
-    return x[index], y[index]
 
 
 def draw_chart(

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.curves import thin
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Metric, Outcome
 from mirdrake.manoeuvres.registry import MANOEUVRES
@@ -25,7 +26,7 @@ from mirdrake.manoeuvres.results import (
     recalled,
 )
 from mirdrake.readers.units import format_unit
-from mirdrake.report.figures import drawing_style, thin, to_svg
+from mirdrake.report.figures import drawing_style, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
 from mirdrake.report.words import format_quantity

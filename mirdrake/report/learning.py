@@ -10,11 +10,12 @@ from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from mirdrake.core.curves import thin
 from mirdrake.core.files import read_errors, write_file
 from mirdrake.core.recording.pictures import encode
 from mirdrake.learning.explain import FILE
 from mirdrake.learning.result import CloneResult
-from mirdrake.report.figures import drawing_style, thin
+from mirdrake.report.figures import drawing_style
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME
 from mirdrake.report.tuning_axes import HALF, WIDE, add_axes, embed, label, new_figure

@@ -9,13 +9,12 @@ import pandas as pd
 import shapely
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from mirdrake.report.figures import thin
+from mirdrake.core.curves import thin
 from mirdrake.report.svg import SCALE_STEPS, THEME
 from mirdrake.report.tuning_axes import (
     HALF,
@@ -150,7 +149,7 @@ def _label_dots(axes: Axes, dots: Sequence[tuple[str, tuple[float, float]]]) -> 
     # A figure has 72 dots per inch: pixels are points.
     places = [axes.transData.transform(point) for _, point in dots]
     taken = [shapely.box(x - 6.0, y - 6.0, x + 6.0, y + 6.0) for x, y in places]
-    frame, renderer = shapely.box(*axes.bbox.extents), FigureCanvasAgg(axes.figure).get_renderer()
+    frame = shapely.box(*axes.bbox.extents)
     for (text, point), (x, y) in zip(dots, places, strict=True):
         label = axes.annotate(
             text,
@@ -161,7 +160,7 @@ def _label_dots(axes: Axes, dots: Sequence[tuple[str, tuple[float, float]]]) -> 
             fontsize=12.0,
             bbox={"boxstyle": "round,pad=0.15", "facecolor": THEME["paper"], "edgecolor": "none", "alpha": 0.85},
         )
-        size = label.get_window_extent(renderer)
+        size = label.get_window_extent()
         choices = [(dx, dy) for dy in (6.0, -15.0, 26.0, -35.0) for dx in (10.0, -10.0 - size.width)]
         boxes = [shapely.box(x + dx, y + dy - 4.0, x + dx + size.width, y + dy + size.height) for dx, dy in choices]
         # The first of the choices with the smallest part outside or over something.

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mirdrake.core.curves import thin
 from mirdrake.core.files import write_file
 from mirdrake.core.json_io import parse_json
 from mirdrake.requirements import Finding, Observation
-from mirdrake.requirements.observation import Array
 
 _POINTS = 240  # of a curve
 _TOLERANCE = 0.03  # [m] of the simplified path
@@ -105,7 +105,7 @@ def _outline(seen: Observation, row: int) -> Points:
 
 
 def _curve(seen: Observation, finding: Finding) -> MarginCurve:
-    times, margins = _thin(finding.times, finding.margins)
+    times, margins = thin(finding.times, finding.margins, _POINTS // 2)
     row = int(np.abs(seen.times - finding.worst_time).argmin())
     return MarginCurve(
         times=np.round(times, 3).tolist(),
@@ -118,18 +118,3 @@ def _curve(seen: Observation, finding: Finding) -> MarginCurve:
             if np.isfinite(mover.poses[row]).all()
         },
     )
-
-
-def _thin(times: Array, values: Array) -> tuple[Array, Array]:
-    """Return a curve with the same outline in few points: the lowest and the highest of each stretch."""
-    # Two points for each stretch; the double minus rounds up.
-    size = -(-len(times) // (_POINTS // 2))
-    if size <= 2:
-        return times, values
-    # Values that are not finite must not become the lowest or highest of a stretch.
-    known = np.where(np.isfinite(values), values, 0.0)
-    parts = [np.arange(begin, min(begin + size, len(times))) for begin in range(0, len(times), size)]
-    extremes = [row for part in parts for row in (part[known[part].argmin()], part[known[part].argmax()])]
-    # Both ends are kept, so that the curve has its full length.
-    rows = np.unique([0, *extremes, len(times) - 1])
-    return times[rows], values[rows]
