@@ -56,7 +56,7 @@ class State(NamedTuple):
     ramp: float
     """rate of the present change of speed, 0: none [m/s^2]"""
     held: float
-    """1: it stands until `go`"""
+    """1: it waits until `go`"""
     gap: float
     """distance to the object ahead [m]"""
     limit: float

@@ -195,7 +195,7 @@ def _is_clear(
 ) -> bool:  # fmt: skip
     """Return whether an object certainly does not touch a lane, from the node nearest to it.
 
-    The node stands in for the foot: they are at most one step apart. All differences of what follows from them are
+    The node replaces the foot: they are at most one step apart. All differences of what follows from them are
     bounded by the turn of the lane there; false where it turns too much for that.
     """
     row = t.lanes[lane]

@@ -241,7 +241,7 @@ def connections_of(spec: DiagramSpec) -> list[Connection]:
 
 
 def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
-    """Return a diagram without the user's own systems and drivers, and what was left out, a line each.
+    """Return a diagram without user systems and drivers, and a line for each that was left out.
 
     A system that gets an input from one of them is left out, too.
 

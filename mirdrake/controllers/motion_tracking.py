@@ -27,7 +27,7 @@ LAG = 0.04
 CATCH_UP = 0.8
 """Speed over the distance to the moving frame [1/s]."""
 
-_SLOW = 0.1  # [m/s] speed of the frame below which a vehicle at its place stands
+_SLOW = 0.1  # [m/s] speed of the frame below which a vehicle at its place is at rest
 _AT_PLACE = 0.05  # [m]
 _HERE = PathNumbers(length=1.0, spacing=1.0, closed=False, last=0)  # a line with the values of one point
 

@@ -356,7 +356,7 @@ def _commented(text: str, edit: Edit) -> str:
         found = child_of(node, key)
         if found is None:
             break
-        # Only keys outside of braces begin a line; for one in braces the comment stands above its entry.
+        # Only keys outside of braces begin a line; for one in braces the comment is above its entry.
         if node.kind == "mapping" and not node.flow:
             position = node.keys[found[0]].start
         node = found[1]

@@ -276,7 +276,7 @@ def predict(
             0.5 * (before[4] + inputs[4]),
         )
         u = apply_slow(design, own, present, z, u)
-        kick = pushed(design, z, 0.5 * period)
+        kick = velocity_changes(design, z, 0.5 * period)
         x = moved(read_state(z, design.positions), 1.0, kick)
         for s in range(steps):
             # The steering angle in the middle of the step.
@@ -339,7 +339,7 @@ def update(
         u = Inputs(z[design.steering[0]], u.drive, u.brake, 0.0, 0.0)
         x = read_state(z, design.positions)
         rates, motion = equations(law, flags[0], record, x, u)
-        push = pushed(design, z, 1.0)
+        push = velocity_changes(design, z, 1.0)
         for c in range(k):
             m = work.rows[c]
             if design.sensors[m] == STEERING:
@@ -488,8 +488,8 @@ def apply_slow(design: Design, own: Floats, present: Floats, z: Floats, u: Input
     return Inputs(u.steering, drive, brake, u.steering_rate, u.speed)
 
 
-def pushed(design: Design, z: Floats, time: float) -> State:
-    """Return the changes of the velocities by the accelerations of a sigma point in a time."""
+def velocity_changes(design: Design, z: Floats, time: float) -> State:
+    """Return the changes of the velocities during a time [s], from the accelerations of a sigma point."""
     along, across, about = design.accelerations[0], design.accelerations[1], design.accelerations[2]
     return State(
         0.0,
@@ -594,7 +594,7 @@ FILTER_PARTS = (
     draw_points,
     centre,
     apply_slow,
-    pushed,
+    velocity_changes,
     measure,
     triangularise,
 )

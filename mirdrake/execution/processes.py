@@ -33,7 +33,7 @@ class WorkerProcess:
         since: start of the present call, by ``time.monotonic``.
         deadline: time at which the call is given up.
         offset: length of the log at the start of the call.
-        paused: since when the clock of the call stands, and the deadline without that; None: it runs.
+        paused: since when the clock of the call is stopped, and the deadline without that; None: it runs.
     """
 
     process: BaseProcess

@@ -382,7 +382,7 @@ def _lateral_ties(evidence: _Evidence) -> list[Tie]:
 def _delays_of_sources(
     delays: Mapping[str, float], sources: Sequence[Collection[str]], pairs: Pairs, least: float
 ) -> dict[str, float]:
-    """Return delays of channels whose source has others with a delay [s], where their own relations do not decide."""
+    """Return the delays that channels without a decisive relation share with the others of their source [s]."""
     decided: set[str] = set()
     for relation, delay in pairs:
         # A relation within one source shows nothing about the delay of the source itself.

@@ -201,7 +201,7 @@ class _LogSet:
             return None
         step = max(drive.step for drive in drives)
         # Unknowns: both delays, arm, two scales, an offset, height; each with a normal prior, infinite for the offset.
-        # Scales of position and roll follow the size of the vehicle, for which its usual speed stands in.
+        # Scales of position and roll follow the size of the vehicle, for which its usual speed is the measure.
         usual = np.sqrt(np.mean(np.concatenate([grid.channels[self._forward] for grid in self._grids]) ** 2))
         reach = min(POSITION_TIME * float(usual), MAX_POSITION)
         wide = (MAX_DELAY, MAX_DELAY, MAX_POSITION, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2)

@@ -13,7 +13,7 @@ class Spline:
         self._pieces: Array = CubicSpline(np.arange(float(len(values))), values).c
 
     def at(self, rows: slice, moved: float, derivative: int = 0) -> Array:
-        """Return values, or derivatives by rows, at the rows of a slice plus `moved` (m)."""
+        """Return the values at the rows of a slice shifted by `moved` rows (m), or their derivatives by the row."""
         whole = int(np.floor(moved))
         first, last = rows.start + whole, rows.stop + whole
         count = self._pieces.shape[1]

@@ -91,7 +91,7 @@ class Rows(NamedTuple):
     rows: tuple[tuple[float, ...], ...]
 
     def at(self, time: float) -> tuple[float, ...]:
-        """Return the numbers at a time [s]."""
+        """Return the columns after the first at a time [s], interpolated and constant beyond the ends."""
         before = self.rows[0]
         for row in self.rows:
             if row[0] > time:

@@ -192,7 +192,7 @@ def _colour_classes(vehicle: VehicleSignals) -> tuple[NDArray[np.intp] | None, C
         return None, None
     share = np.nan_to_num((values - low) / (high - low))
     classes = np.clip((share * SCALE_STEPS).astype(np.intp), 0, SCALE_STEPS - 1)
-    # To two digits of the range: a car that stands has -0.0005 m/s, which is 0 on a scale to 5 m/s.
+    # To two digits of the range: a car at rest has -0.0005 m/s, which is 0 on a scale to 5 m/s.
     places = 1 - math.floor(math.log10(high - low))
     texts = (format_quantity(round(value, places) + 0.0, unit, digits=2) for value in (low, high))
     return classes, ColourScale(quantity, *texts)

@@ -92,7 +92,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
 
     # Axes first; the curve is drawn over them, and a failed margin has an area below zero.
     zero, parts = y_of(0.0), []
-    # The unit stands once, at the last tick.
+    # The unit is written once, at the last tick.
     values = _ticks(low, high, 3)
     for value in values:
         y, mark = y_of(value), f"{_number(value)} {unit if value == values[-1] else ''}".strip()

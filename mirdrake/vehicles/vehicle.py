@@ -90,7 +90,7 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
 
 
 def find_vehicle(name: str, *, where: str = "") -> tuple[Path, str | None]:
-    """Folder of a vehicle, and the variant that the name asks for.
+    """Return the folder of a vehicle, and the variant in its name; None without.
 
     Args:
         name: name of a folder in a ``models`` folder, or a path, with or without ``@<variant>``.

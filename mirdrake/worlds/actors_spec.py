@@ -157,7 +157,7 @@ LaneChangeText = Annotated[LaneChange, BeforeValidator(_lane_change, json_schema
 
 
 class Stop(Schema):
-    """Braking to standstill; the actor stands until `go`."""
+    """Braking to standstill; the actor waits until `go`."""
 
     rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="deceleration [m/s^2]")
 
@@ -253,7 +253,7 @@ class ActorSpec(Schema):
     behaviour: Behaviour = Field(
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
-    starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
+    starts: Trigger | None = Field(default=None, description="it is at rest until then; default: it moves at once [-]")
     body: Literal["ghost", "solid", "full"] = Field(
         default="ghost",
         description="ghost: vehicles pass through it; solid: they collide with it; full: a full vehicle [-]",

@@ -101,7 +101,7 @@ def evaluate(value: str, *, parameters: Parameters, stream: Stream, where: str =
 
 
 def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str = "") -> str:
-    """Return a word, for example the name of a prop, of an expression with ``a | b`` and ``$name``.
+    """Evaluate an expression with ``a | b`` and ``$name`` to a word, such as the name of a prop.
 
     Raises:
         ConfigError: a parameter is unknown, or a choice is empty.

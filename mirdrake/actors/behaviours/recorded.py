@@ -29,7 +29,7 @@ def replay_all(members: Records, numbers: Array, rows: Array, time: float, dt: f
 
 
 def replay(rows: Array, first: int, last: int, time: float, dt: float, row: Any) -> None:
-    """Write the state at a time: linear between the samples; it stands before the first and after the last one."""
+    """Write the state at a time: linear between the samples; it is at rest before the first and after the last one."""
     low, high = first, last - 1
     row.a = -row.v / dt
     if rows[low, 0] <= time < rows[high, 0]:

@@ -120,11 +120,11 @@ class RayScene:
         return result
 
     def _exact(self, origins: Array, directions: Array, faces: Ints) -> tuple[Array, Bools | None]:
-        """Return the distances (n) [m] to the exact surfaces of faces, and which rays only graze it (n); None: none."""
-        normal = self._normal.take(faces, axis=0)  # much quicker than by brackets, for rows
+        """Return the distances (n) [m] to the exact surfaces of faces, and which rays only graze it (n), or None."""
+        normal = self._normal.take(faces, axis=0)  # for rows much faster than an index
         towards, from_origin = _dot(normal, directions), _dot(normal, origins)
         distance = (self._offset[faces] - from_origin) / towards
-        # Parallel to the plane the quotient is useless; the nearest corner is what such a ray meets.
+        # Parallel to the plane the quotient is useless; such a ray meets the nearest corner.
         if np.abs(towards).min() < _EDGE_ON:
             edge_on = np.abs(towards) < _EDGE_ON
             distance[edge_on] = self._nearest_corner(origins, directions, faces, edge_on)

@@ -113,7 +113,7 @@ def command_step(
         elif not waits:
             end = limits.forward if pull > 0.0 else -limits.backward
             speed = _towards(speed, end, limits.acceleration * abs(pull) * period)
-    # The set-point stays near the measured speed; 0 is exact, so that the vehicle stands.
+    # The set-point stays near the measured speed; 0 is exact, so that the vehicle is at rest.
     speed = min(max(speed, measured - LEAD), measured + LEAD) if speed != 0.0 else 0.0
     return ManualCommand(speed, _steer(state.steering, manual, measured, period, limits), waits)
 
