@@ -1,20 +1,17 @@
 """Behaviours: their arithmetic in closed form, and each of them driving a kinematic car."""
 
 import math
-from dataclasses import dataclass, field
-from types import SimpleNamespace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from shapely import affinity
 
-from mirdrake.controllers import AxleGeometry
 from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
 from mirdrake.controllers.behaviours.follow_path import FollowPathSpec, track_through
 from mirdrake.controllers.behaviours.hold_lane import HoldLane, HoldLaneSpec, Lane
@@ -35,34 +32,10 @@ from mirdrake.core.yaml_io import Schema, Source, parse_tree, parse_yaml, valida
 from mirdrake.sensors.range_scan import RangeScan
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
+from tests.stand_ins import CarStandIn, PropStandIn, WorldStandIn
 
 STEP, BRAKES = 0.005, 5.0
 BOX = Outline(-0.8, 3.4, 0.9, 1.6)
-
-
-@dataclass
-class CarStandIn:
-    geometry: AxleGeometry = field(default_factory=lambda: AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5))
-
-
-@dataclass
-class PropStandIn:
-    name: str
-    footprint: Any
-    bottom: float = 0.0
-    top: float = 1.0
-    static: bool = True
-    X_WP: RigidTransform = field(default_factory=RigidTransform)
-    prop: Any = field(default_factory=lambda: SimpleNamespace(driven_over=False))
-
-    def between(self, low, high):
-        return (self.footprint,) if self.top > low and self.bottom < high else ()
-
-
-@dataclass
-class WorldStandIn:
-    props: list[PropStandIn] = field(default_factory=list)
-    tracks: dict[str, Any] = field(default_factory=dict)
 
 
 CAR = CarStandIn()

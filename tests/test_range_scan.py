@@ -1,8 +1,6 @@
 """Range scan: closed forms of a wall, a polygon and a turned box; heights, movable props, contact."""
 
 import math
-from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,40 +10,15 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely import affinity
 
-from mirdrake.controllers import AxleGeometry
 from mirdrake.controllers.behaviours.fan import beam_angles
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
 from mirdrake.sensors.range_scan import PropPoses, RangeScan, scan
 from mirdrake.vehicles import load_vehicle
+from tests.stand_ins import CarStandIn, PropStandIn, WorldStandIn
 
 EXACT = 1e-9
-
-
-@dataclass
-class PropStandIn:
-    name: str
-    footprint: Any
-    bottom: float = 0.0
-    top: float = 1.0
-    static: bool = True
-    X_WP: RigidTransform = field(default_factory=RigidTransform)
-    prop: Any = field(default_factory=lambda: SimpleNamespace(driven_over=False))
-
-    def between(self, low, high):
-        return (self.footprint,) if self.top > low and self.bottom < high else ()
-
-
-@dataclass
-class WorldStandIn:
-    props: list[PropStandIn]
-    tracks: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass
-class CarStandIn:
-    geometry: AxleGeometry = field(default_factory=lambda: AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5))
 
 
 def put(shape, x, y, yaw=0.0, *, name="prop", static=True, **heights):
