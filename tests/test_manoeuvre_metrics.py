@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import Array, scaled
@@ -46,8 +47,8 @@ from mirdrake.manoeuvres.metrics.transient import (
     step_response,
 )
 from mirdrake.manoeuvres.open_loop import StepSteerSpec
-from mirdrake.manoeuvres.profiles import make_profile
-from mirdrake.manoeuvres.record import Record, bicycle_angles
+from mirdrake.manoeuvres.profiles import make_profile, tabulate
+from mirdrake.manoeuvres.record import Record, bicycle_angles, unwrapped
 from mirdrake.manoeuvres.straight import BrakingSpec
 
 L, K = 2.6, 0.003  # wheelbase [m], understeer gradient [rad s²/m]
@@ -308,6 +309,23 @@ def test_a_record_of_a_steady_turn_has_the_acceleration_of_its_centre_of_mass():
     assert record.distance[-1] == pytest.approx(v * TIME[-1])
 
 
+@pytest.mark.parametrize("count", [22, 400])
+def test_accelerations_are_slopes_of_parabolas_as_those_of_scipy(count):
+    time = 0.005 * np.arange(count)
+    vx = 20.0 + np.random.default_rng(0).normal(size=count)
+    zero = np.zeros(count)
+    record = Record("run", time, zero, zero, zero, vx, zero, zero, zero, zero, 1.0, 16.0)
+    expected = savgol_filter(vx, 21, 2, deriv=1, delta=0.005)
+    assert record.longitudinal_acceleration == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_angles_are_unwrapped_as_by_numpy():
+    turned = np.linspace(0.0, 20.0, 300)
+    wrapped = np.remainder(turned + math.pi, 2.0 * math.pi) - math.pi
+    assert unwrapped(wrapped) == pytest.approx(turned)
+    assert unwrapped(turned) is turned
+
+
 def test_the_cotangent_of_the_bicycle_angle_is_the_mean_of_both_wheels():
     delta = np.array([-0.3, -1e-9, 0.0, 0.2])
     t = np.tan(delta)
@@ -330,6 +348,20 @@ def test_profiles_of_ramp_and_step():
         make_profile({"kind": "ramps"})
     with pytest.raises(ConfigError, match="amplitude"):
         make_profile({"kind": "step"})
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"kind": "step", "amplitude": -0.0312, "start": 1.0, "rise": 0.15},
+        {"kind": "step", "amplitude": 0.1},
+        {"kind": "ramp", "rate": -0.1, "limit": 0.3, "start": 0.7},
+        {"kind": "sine_with_dwell", "amplitude": 0.03, "frequency": 0.7, "dwell": 0.5, "start": 0.3},
+    ],
+)
+def test_a_table_of_a_profile_has_its_bits(data):
+    times = np.arange(700) * 0.01
+    assert tabulate(data, times).tolist() == [make_profile(data)(time) for time in times.tolist()]
 
 
 def test_random_steering_has_the_asked_effective_value_and_the_same_seed_the_same_signal():

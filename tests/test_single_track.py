@@ -1,7 +1,7 @@
 """The single-track model: closed forms, an exact solution, its derivatives, and comparison with the full Bolt."""
 
 from dataclasses import replace
-from math import atan, cos, hypot, pi, sin, sqrt, tan
+from math import atan, cos, hypot, isnan, pi, sin, sqrt, tan
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ from mirdrake.single_track import (
     make_single_track,
     make_single_track_vehicle,
     steady_gain,
+    steady_steering,
     understeer_gradient,
 )
 from mirdrake.single_track.dynamics import BLEND_TIME, CompiledEquations, Variant, evaluate
@@ -281,6 +282,25 @@ def test_the_friction_of_brush_tyres_limits_turning_and_braking():
     assert rates.motion[5:] == pytest.approx([-0.8 * limit, -limit * 1.2 / 1.5])
     with pytest.raises(ConfigError, match=r"cannot hold 20 m/s at 0\.3 rad; reduce speed or steering"):
         find_steady_state(slippery, BRUSH, speed=20.0, steering=0.3)
+
+
+@pytest.mark.parametrize(
+    ("car", "variant"),
+    [
+        (CAR, BRUSH),
+        (replace(ROLLING, front_roll_slip=0.1, rear_roll_slip=-0.05), Variant("magic_formula", roll=True)),
+        (replace(ROLLING, front_roll_slip=0.1, rear_roll_slip=-0.05), Variant("brush", roll=True)),
+    ],
+)
+@pytest.mark.parametrize("lateral", [1.0, 4.0, 6.5])
+def test_the_steering_of_a_turn_gives_its_lateral_acceleration(car, variant, lateral):
+    """The steady state by Newton's method on the whole equations."""
+    car = replace(car, front_shape=1.4, front_curvature=-0.5, com_height=0.5)
+    steering = steady_steering(car, variant.tyres, lateral, 25.0)
+    assert find_steady_state(car, variant, speed=25.0, steering=steering)["lateral_acceleration"] == pytest.approx(
+        lateral, rel=0.02
+    )
+    assert isnan(steady_steering(car, variant.tyres, 12.0, 25.0))
 
 
 # --- independent computations ------------------------------------------------------------------------------------

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.single_track import SingleTrackParameters, estimate_parameters, understeer_gradient
+from mirdrake.single_track import SingleTrackParameters, estimate_parameters, steady_steering, understeer_gradient
+from mirdrake.single_track.from_vehicle import has_roll, tyres_of
 from mirdrake.single_track.parameters import PARAMETERS
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.outline import measure_outline
@@ -45,8 +46,10 @@ class Facts:
         has_slip: whether tyre forces follow from slip.
         pedals: whether it is driven through pedals.
         top_speed: top speed on the flat, by power or governor [m/s].
-
         scale: scale of lengths for its size [1]; 1 for cars.
+        with_roll: parameters of its single-track model with roll; `parameters` if it has no suspension.
+        model_tyres: tyre law of its single-track model.
+        changes: parameters that differ from those of the vehicle, by name.
     """
 
     name: str
@@ -65,8 +68,10 @@ class Facts:
     has_slip: bool
     pedals: bool
     top_speed: float
-
     scale: float
+    with_roll: SingleTrackParameters
+    model_tyres: str
+    changes: Mapping[str, float] = field(default_factory=dict)
 
     def with_parameters(self, changes: Mapping[str, float]) -> "Facts":
         """Return the figures of the vehicle with other parameters of its single-track model, by name.
@@ -74,6 +79,8 @@ class Facts:
         Raises:
             ConfigError: there is no such parameter, or a value is out of range.
         """
+        if changes == self.changes:
+            return self
         for name in changes:
             if name not in PARAMETERS:
                 raise ConfigError(f"single_track.{name}: no such parameter; {did_you_mean(name, PARAMETERS)}")
@@ -81,6 +88,7 @@ class Facts:
         return replace(
             self,
             parameters=parameters,
+            changes=dict(changes),
             mass=parameters.mass,
             ahead=parameters.rear_length,
             wheelbase=parameters.wheelbase,
@@ -92,8 +100,13 @@ class Facts:
         return understeer_gradient(self.parameters)
 
     def steering_for(self, lateral_acceleration: float, speed: float) -> float:
-        """Return the estimated bicycle angle [rad] for a lateral acceleration [m/s²] at a speed [m/s]."""
-        return (self.wheelbase / speed**2 + self.understeer) * lateral_acceleration
+        """Return the estimated bicycle angle [rad] for a lateral acceleration [m/s²] at a speed [m/s].
+
+        It is that of the single-track model with its tyre law and roll, or of linear tyres beyond the limit of its law.
+        """
+        parameters = replace(self.with_roll, **self.changes) if self.changes else self.with_roll
+        angle = steady_steering(parameters, self.model_tyres, lateral_acceleration, speed)
+        return (self.wheelbase / speed**2 + self.understeer) * lateral_acceleration if math.isnan(angle) else angle
 
     def pointing(self, speed: float) -> float:
         """Return the estimated distance [m] ahead of the rear axle of the point without sideslip in a steady turn.
@@ -127,6 +140,7 @@ def find_facts(vehicle: Vehicle) -> Facts:
     """Return the figures of a loaded vehicle."""
     spec, geometry = vehicle.spec, vehicle.geometry
     parameters = estimate_parameters(vehicle)
+    rolls = has_roll(vehicle)
     box = measure_outline(vehicle.urdf, packages=vehicle.packages, base_link=spec.base_link)
     # Ends and sides of the collision shapes; without any, proportions of a usual car to the wheelbase.
     length = geometry.wheelbase
@@ -156,6 +170,8 @@ def find_facts(vehicle: Vehicle) -> Facts:
         pedals=vehicle.control.wheel_speed.uses_pedals,
         top_speed=_top_speed(vehicle, parameters, radius),
         scale=1.0 if length >= SMALL else length / CAR_WHEELBASE,
+        with_roll=estimate_parameters(vehicle, roll=True) if rolls else parameters,
+        model_tyres=tyres_of(vehicle),
     )
 
 

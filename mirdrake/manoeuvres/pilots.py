@@ -20,6 +20,7 @@ from mirdrake.manoeuvres.drivers import (
     Rows,
     steer_along,
 )
+from mirdrake.manoeuvres.profiles import tabulate
 from mirdrake.single_track.dynamics import State
 from mirdrake.vehicles import Vehicle
 
@@ -114,8 +115,8 @@ def make_pilots(drivers: Sequence[Mapping[str, Any]], vehicle: Vehicle, duration
             line, steering = lines.add(driver.line.table), driver.numbers
         else:
             # The angle of each step, as it depends on the time only.
-            times = (k * PERIOD for k in range(math.ceil(duration / PERIOD) + 2))
-            profile = profiles.add(np.array([[driver.profile(time)] for time in times]))
+            times = np.arange(math.ceil(duration / PERIOD) + 2) * PERIOD
+            profile = profiles.add(tabulate(entry["profile"], times)[:, None])
         held = driver.held
         made.append(
             PilotNumbers(

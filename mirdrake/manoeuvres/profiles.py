@@ -7,6 +7,9 @@ import math
 import random
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
+from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.by_kind import make_by_kind
 
 Profile = Callable[[float], float]
@@ -27,6 +30,25 @@ def ramp(*, rate: float, limit: float, start: float = 0.0) -> Profile:
         return math.copysign(min(abs(rate) * max(t - start, 0.0), abs(limit)), rate)
 
     return angle
+
+
+def tabulate(data: Mapping[str, object], times: Array) -> Array:
+    """Return the angles of a profile at times [s], to the last bit those of :func:`make_profile`.
+
+    Steps, of which sweeps have thousands, are computed for all times at once; sines of an array could differ in their
+    last bit.
+    """
+    profile = make_profile(data)  # checks the data
+    if data["kind"] == "step":
+        return _step_over(times, **{key: value for key, value in data.items() if key != "kind"})  # type: ignore[arg-type]
+    return np.array([profile(time) for time in times.tolist()])
+
+
+def _step_over(times: Array, *, amplitude: float, start: float = 0.0, rise: float = 0.0) -> Array:
+    """Return :func:`step` at times [s]."""
+    parts = (times - start) / rise if rise > 0.0 else (times >= start).astype(float)
+    angles: Array = amplitude * np.minimum(np.maximum(parts, 0.0), 1.0)
+    return angles
 
 
 def sine(*, amplitude: float, frequency: float, start: float = 0.0, periods: float = 1.0) -> Profile:

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from mirdrake.manoeuvres.base import Array
 
@@ -118,14 +117,40 @@ class Record:
 
     def _slope(self, values: Array) -> Array:
         """Return the derivative by time: that of a parabola through the samples around."""
-        # Savitzky-Golay needs an odd window, and more than three samples for a parabola.
+        # An odd window, and more than three samples for a parabola.
         window = max(5, 2 * round(0.5 * SMOOTHING / self.step) + 1)
         if len(values) <= window:
             return np.gradient(values, self.time)
         # The filter needs even steps; the last step of a record that was cut is shorter.
         even = len(values) - int(self.time[-1] - self.time[-2] < 0.999 * self.step)
-        slope: Array = savgol_filter(values[:even], window, 2, deriv=1, delta=self.step)
+        slope = _slopes_of_parabolas(values[:even], window) / self.step
         return np.append(slope, slope[even - 1 :][: len(values) - even])
+
+
+def unwrapped(angle: Array) -> Array:
+    """Return an angle without jumps of 2 π, as :func:`numpy.unwrap`, which takes long where there are none."""
+    return np.unwrap(angle) if len(angle) and np.abs(np.diff(angle)).max(initial=0.0) > np.pi else angle
+
+
+def _slopes_of_parabolas(values: Array, window: int) -> Array:
+    """Return the slope per sample of the parabola that fits best to the window around each sample.
+
+    Samples nearer to an end than half a window have the parabola of the first or last window. A. Savitzky and M. J. E.
+    Golay, Analytical Chemistry 36 (1964) 1627; the same as savgol_filter of SciPy, which fits the ends anew each time.
+    """
+    half, slopes = window // 2, _slope_weights(window)
+    inside = np.convolve(values, slopes[half, ::-1], mode="valid")
+    return np.concatenate((slopes[:half] @ values[:window], inside, slopes[half + 1 :] @ values[-window:]))
+
+
+@cache
+def _slope_weights(window: int) -> Array:
+    """Return the weights (window, window) of the samples of a window in the slope of its parabola at each sample."""
+    place = np.arange(window) - window // 2
+    # Coefficients 1, x, x² of the least-squares parabola; its slope is c1 + 2 c2 x.
+    coefficients = np.linalg.pinv(np.vander(place.astype(float), 3, increasing=True))
+    weights: Array = coefficients[1] + 2.0 * place[:, None] * coefficients[2]
+    return weights
 
 
 def bicycle_angles(left: Array, right: Array) -> Array:

@@ -15,7 +15,7 @@ from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.pilots import PERIOD, PILOTING, make_pilots
 from mirdrake.plant.powertrain.system import RATE as POWERTRAIN_RATE
 from mirdrake.single_track.dynamics import Variant
-from mirdrake.single_track.from_vehicle import estimate_parameters, tyres_of
+from mirdrake.single_track.from_vehicle import estimate_parameters, has_roll, tyres_of
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
 from mirdrake.vehicles import Vehicle
 
@@ -32,7 +32,8 @@ _CHUNK = 1.0
 """Simulated time between two looks at which runs have ended [s]."""
 
 _STATUS = ("speed_setpoint", "steering_setpoint", "speed_trim", "speed_command", "steering_command")
-_OUTPUTS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steering", *_STATUS, "drive_force", "brake_force")
+_OUTPUTS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steering", *_STATUS)
+_SIGNALS = (*(signal.name for signal in STATE), "steering_angle", *_STATUS)
 
 
 @dataclass(frozen=True)
@@ -110,11 +111,6 @@ class ReducedParameters:
         return self._known[key][1]
 
 
-def has_roll(vehicle: Vehicle) -> bool:
-    """Return whether the model of a vehicle rolls: parameters with roll need a suspension."""
-    return vehicle.spec.suspension is not None
-
-
 def simulate(
     runs: Sequence[ReducedRun], known: ReducedParameters, *, longest_step: float = STEP
 ) -> list[ReducedLog | Diverged]:
@@ -138,18 +134,19 @@ def simulate(
     every = round(1.0 / (RATE * control.cars.step_time))
     samples_per_period = Fraction(round(control.period / control.cars.step_time), every)
     periods = samples_per_period.denominator * max(round(_CHUNK / control.period / samples_per_period.denominator), 1)
-    watches = [_Watch(run, float(control.cars.parameters["rear_length"][k])) for k, run in enumerate(runs)]
-    while any(watch.runs for watch in watches):
-        chunk = control.drive(
-            PILOTING, pilots, PERIOD, periods=periods, outputs=_OUTPUTS + _roll_output(control), every=every
-        )
-        for k, watch in enumerate(watches):
-            if watch.runs:
-                watch.add(chunk.values[k], control.cars.diverged[k].item())
+    watches = [_Watch(run) for run in runs]
+    rear_lengths = np.array(control.cars.parameters["rear_length"])
+    outputs = _OUTPUTS + _roll_output(control)
+    while running := [k for k, watch in enumerate(watches) if watch.runs]:
+        chunk = control.drive(PILOTING, pilots, PERIOD, periods=periods, outputs=outputs, every=every)
+        # Of cars that have ended nothing is kept.
+        rows = chunk.values if len(running) == len(runs) else chunk.values[running]
+        samples = _samples(rows, rear_lengths[running])
+        for place, k in enumerate(running):
+            watches[k].add(samples[:, place], control.cars.diverged[k].item())
             # A run that has ended costs no more time; its car counts as diverged for the batch.
-            control.cars.diverged[k] = not watch.runs
-    names = _OUTPUTS + _roll_output(control)
-    return [watch.result(names) for watch in watches]
+            control.cars.diverged[k] = not watches[k].runs
+    return [watch.result() for watch in watches]
 
 
 def alone(known: ReducedParameters) -> Callable[[ReducedRun], ReducedLog]:
@@ -202,6 +199,27 @@ def _make_control(
     return BatchControl(cars, vehicle, gains=gains)
 
 
+def _samples(rows: Floats, rear_lengths: Floats) -> Floats:
+    """Return the samples of a chunk (signals, cars, samples): the states as an output port has them, then the others.
+
+    Args:
+        rows: outputs (cars, samples, outputs).
+        rear_lengths: from the centre of mass to the rear axle, of each car [m].
+    """
+    signal = dict(zip(_OUTPUTS, np.moveaxis(rows, 2, 0), strict=False))
+    zero = np.zeros(rows.shape[:2])
+    roll, roll_rate = np.moveaxis(rows[:, :, len(_OUTPUTS) :], 2, 0) if rows.shape[2] > len(_OUTPUTS) else (zero, zero)
+    # In [-π, π], as that of the full vehicle; the velocity is that of the rear axle's centre.
+    wrapped = np.remainder(signal["yaw"] + math.pi, 2.0 * math.pi) - math.pi
+    across = signal["vy"] - rear_lengths[:, None] * signal["yaw_rate"]
+    return np.array(
+        [
+            signal["x"], signal["y"], zero, roll, zero, wrapped, signal["vx"], across, zero, roll_rate, zero,
+            signal["yaw_rate"], *(signal[name] for name in ("steering", *_STATUS)),
+        ]
+    )  # fmt: skip
+
+
 class _Watch:
     """Collects the samples of a run until it ends.
 
@@ -209,53 +227,39 @@ class _Watch:
         runs: whether the run has not ended.
     """
 
-    def __init__(self, run: ReducedRun, rear_length: float) -> None:
+    def __init__(self, run: ReducedRun) -> None:
         self.runs = True
-        self._run, self._rear_length = run, rear_length
+        self._run = run
         self._parts: list[Floats] = []
         self._count, self._last = 0, int(run.duration * RATE + 1e-6)
         self._reason = "duration"
         self._diverged = False
 
-    def add(self, rows: Floats, diverged: bool) -> None:
-        """Add the samples of a chunk (samples, outputs)."""
-        rows = rows[: self._last + 1 - self._count]
-        if diverged and not np.isfinite(rows).all():
+    def add(self, samples: Floats, diverged: bool) -> None:
+        """Add the samples of a chunk (signals, samples)."""
+        samples = samples[:, : self._last + 1 - self._count]
+        if diverged and not np.isfinite(samples).all():
             self._diverged, self.runs = True, False
             # The run may have ended before.
-            rows = rows[np.isfinite(rows).all(axis=1)]
+            samples = samples[:, np.isfinite(samples).all(axis=0)]
         if self._run.stop is not None:
             first = -self._count % STOP_SAMPLES
-            states = self._states(rows[first::STOP_SAMPLES]).T.tolist()
+            states = samples[: len(STATE), first::STOP_SAMPLES].T.tolist()
             for number, state in enumerate(states):
                 sample = first + number * STOP_SAMPLES
                 reason = self._run.stop((self._count + sample) / RATE, state)
                 if reason is not None:
                     self._reason, self._diverged, self.runs = reason, False, False
-                    rows = rows[: sample + 1]
+                    samples = samples[:, : sample + 1]
                     break
-        self._parts.append(rows.copy())
-        self._count += len(rows)
+        self._parts.append(samples)
+        self._count += samples.shape[1]
         if self._count > self._last:
             self.runs = False
 
-    def _states(self, rows: Floats) -> Floats:
-        """Return the state of the vehicle (12, samples), as an output port has it."""
-        x, y, yaw, vx, vy, rate = rows[:, :6].T
-        zero = np.zeros_like(x)
-        roll, roll_rate = rows[:, len(_OUTPUTS) :].T if rows.shape[1] > len(_OUTPUTS) else (zero, zero)
-        # In [-π, π], as that of the full vehicle; the velocity is that of the rear axle's centre.
-        wrapped = np.remainder(yaw + math.pi, 2.0 * math.pi) - math.pi
-        return np.array(
-            [x, y, zero, roll, zero, wrapped, vx, vy - self._rear_length * rate, zero, roll_rate, zero, rate]
-        )
-
-    def result(self, names: Sequence[str]) -> "ReducedLog | Diverged":
+    def result(self) -> "ReducedLog | Diverged":
         """Return the log, or why the run diverged."""
         if self._diverged:
             return Diverged(f"{self._run.label}: a state is not finite")
-        rows = np.concatenate(self._parts)
-        columns = {signal.name: row for signal, row in zip(STATE, self._states(rows), strict=True)}
-        columns["steering_angle"] = rows[:, names.index("steering")]
-        columns |= {name: rows[:, names.index(name)] for name in _STATUS}
-        return ReducedLog(np.arange(len(rows)) / RATE, columns, self._reason)
+        samples = np.concatenate(self._parts, axis=1)
+        return ReducedLog(np.arange(self._count) / RATE, dict(zip(_SIGNALS, samples, strict=True)), self._reason)

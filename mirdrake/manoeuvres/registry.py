@@ -136,7 +136,11 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
     finally:
         rig.folder = base
     if rig.kind == "single_track" and kind.margins and outcome.metrics:
-        outcome.metrics = [replace(metric, margin=kind.margins.get(metric.key)) for metric in outcome.metrics]
+        margins = kind.margins
+        outcome.metrics = [
+            replace(metric, margin=margins[metric.key]) if metric.key in margins else metric
+            for metric in outcome.metrics
+        ]
         outcome.notes.append(
             f"margins against the full plant: measured with {MARGIN_CONDITIONS}; other vehicles and settings "
             "may differ more"

@@ -23,7 +23,7 @@ from mirdrake.core.files import write_file
 from mirdrake.core.vectors import STATE
 from mirdrake.manoeuvres.base import Array, Diverged
 from mirdrake.manoeuvres.facts import Facts
-from mirdrake.manoeuvres.record import Record, bicycle_angles
+from mirdrake.manoeuvres.record import Record, bicycle_angles, unwrapped
 from mirdrake.manoeuvres.reduced import (
     RATE,
     STOP_SAMPLES,
@@ -305,7 +305,7 @@ class Rig:
             label=label,
             time=times,
             # Unwrapped: turns of more than 180 degrees must not jump.
-            yaw=np.unwrap(columns["yaw"]),
+            yaw=unwrapped(columns["yaw"]),
             yaw_rate=columns["wz"],
             steering=angle,
             ahead=self.facts.ahead,

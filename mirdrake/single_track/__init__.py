@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mirdrake.single_track.linear import find_steady_state as find_steady_state
     from mirdrake.single_track.linear import linearize_single_track as linearize_single_track
     from mirdrake.single_track.linear import steady_gain as steady_gain
+    from mirdrake.single_track.linear import steady_steering as steady_steering
     from mirdrake.single_track.linear import understeer_gradient as understeer_gradient
     from mirdrake.single_track.linear import zero_side_slip_ratio as zero_side_slip_ratio
     from mirdrake.single_track.parameters import SingleTrackParameters as SingleTrackParameters
@@ -38,6 +39,7 @@ _MODULES = {
     "make_single_track": "from_vehicle",
     "make_single_track_vehicle": "vehicle",
     "steady_gain": "linear",
+    "steady_steering": "linear",
     "understeer_gradient": "linear",
     "zero_side_slip_ratio": "linear",
 }
@@ -56,6 +58,7 @@ __all__ = [
     "make_single_track",
     "make_single_track_vehicle",
     "steady_gain",
+    "steady_steering",
     "understeer_gradient",
     "zero_side_slip_ratio",
 ]

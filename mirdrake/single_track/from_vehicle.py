@@ -84,6 +84,11 @@ def tyres_of(vehicle: Vehicle) -> str:
     return kind if kind in lateral_forces() else "brush"
 
 
+def has_roll(vehicle: Vehicle) -> bool:
+    """Return whether the model of a vehicle rolls: parameters with roll need a suspension."""
+    return vehicle.spec.suspension is not None
+
+
 def estimate_parameters(
     vehicle: Vehicle,
     *,

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import atan, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.primitives import LinearSystem
+from scipy.optimize import brentq
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.single_track.dynamics import Variant, evaluate
+from mirdrake.single_track.dynamics import LateralForce, Variant, evaluate, lateral_force_of
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.signals import MOTION
 
@@ -21,6 +22,7 @@ POSE = 3
 
 _TOLERANCE = 1e-10  # of accelerations and slip rates, SI
 _ITERATIONS = 60
+_LARGEST_SLIP = 1.0  # tangent of a slip angle, beyond the largest force of every tyre law
 
 
 @dataclass(frozen=True)
@@ -245,6 +247,45 @@ def characteristic_speed(parameters: SingleTrackParameters) -> float:
 def steady_gain(parameters: SingleTrackParameters, speed: float) -> float:
     """Return yaw rate over steering angle [1/s] in the steady state of linear tyres: v / (L + K v²)."""
     return speed / (parameters.wheelbase + understeer_gradient(parameters) * speed * speed)
+
+
+def steady_steering(parameters: SingleTrackParameters, tyres: str, lateral_acceleration: float, speed: float) -> float:
+    """Return the steering angle [rad] of a steady turn to the left; NaN beyond the limit of the tyres.
+
+    δ = L a_y / v² + α_r - α_f, with the slip angles at which the tyre law has the forces m a_y b / L and m a_y a / L
+    at the static loads, and the slip by the roll angle m h a_y / (K - m g h). Rajamani, section 3.3, with the tyre law
+    in place of a stiffness. Longitudinal forces are neglected.
+
+    Args:
+        parameters: of a model with roll, or without.
+        tyres: tyres of the variant.
+        lateral_acceleration: [m/s²]
+        speed: [m/s]
+    """
+    p, law = parameters, lateral_force_of(Variant(tyres))
+    arm = p.roll_mass * p.roll_height
+    roll = arm * lateral_acceleration / (p.roll_stiffness + arm * p.gravity_z) if arm else 0.0
+    angles = []
+    for share, stiffness, friction, shape, curvature, roll_slip in (
+        (p.rear_length, p.front_stiffness, p.front_friction, p.front_shape, p.front_curvature, p.front_roll_slip),
+        (p.front_length, p.rear_stiffness, p.rear_friction, p.rear_shape, p.rear_curvature, p.rear_roll_slip),
+    ):
+        mass = p.mass * share / p.wheelbase
+        force, limit = mass * lateral_acceleration, -mass * p.gravity_z * friction
+
+        def excess(slip: float, law: LateralForce, force: float, *numbers: float) -> float:
+            return float(law(-slip, *numbers)) - force
+
+        # The first slip with the force: beyond its peak a law may fall below it again.
+        numbers = (law, force, stiffness, limit, shape, curvature)
+        high = force / stiffness
+        while not excess(high, *numbers) > 0.0:
+            high *= 1.2
+            if high > _LARGEST_SLIP:
+                return nan
+        slip = float(brentq(excess, 0.0, high, args=numbers, xtol=1e-9))
+        angles.append(atan(-slip - roll_slip * roll))
+    return p.wheelbase * lateral_acceleration / speed**2 + angles[1] - angles[0]
 
 
 def _level(parameters: SingleTrackParameters) -> list[float]:
