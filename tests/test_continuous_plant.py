@@ -200,6 +200,10 @@ def test_an_exported_diagram_needs_no_integrator_of_its_own() -> None:
     assert assembly.make_context().num_continuous_states()
 
 
+DELAY = {"kind": "mirdrake.tuning.loops.blocks:DelayedActuator", "size": 1, "period": 0.02}
+CONNECT = [["ego.speed_command", "delay.u"]]
+
+
 @pytest.mark.parametrize(
     ("changes", "continuous"),
     [
@@ -208,6 +212,8 @@ def test_an_exported_diagram_needs_no_integrator_of_its_own() -> None:
         ({"record": {"rate": 1000.0}}, False),  # samples within steps
         ({"record": {"signals": False, "rate": 1000.0}}, True),
         ({"systems": {"wave": {"kind": "sine", "frequency": 1.0}}}, False),
+        ({"systems": {"delay": DELAY}, "connect": CONNECT}, True),  # its class states its period
+        ({"systems": {"delay": DELAY | {"period": 0.012}}, "connect": CONNECT}, False),
         ({"world": "barrels"}, False),  # loose bodies
         ({"world": "hill_road"}, True),
         ({"sensors": {"ego": ["gps"]}}, True),

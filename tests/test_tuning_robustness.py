@@ -66,6 +66,15 @@ def test_a_journal_is_continued_with_more_runs_and_candidates(tmp_path: Path) ->
         run_monte_carlo(loop, CANDIDATES, RANGES, runs=2, seed=5, store=store)
 
 
+def test_runs_that_have_been_made_already_are_not_made_again(tmp_path: Path) -> None:
+    count = tmp_path / "count"
+    draws = draw_conditions(RANGES, runs=10, seed=0)
+    known = {"calm": {draws[run]: LOOP(CANDIDATES["calm"], draws[run]) for run in (2, 7)}}
+    outcome = run_monte_carlo(TextbookLoop(count=str(count)), CANDIDATES, RANGES, runs=10, known=known)
+    assert count.stat().st_size == 2 * 10 - 2
+    assert outcome.table.equals(run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=10).table)
+
+
 # --- the statistics ---
 
 

@@ -38,6 +38,7 @@ from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.core.drake_errors import algebraic_loop
 from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
+from mirdrake.core.user_systems import sampling_period
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import SCHEME, PlantParts, make_plant, set_start, solves_joints
@@ -348,11 +349,17 @@ def assemble(
 def _keeps_steps(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], factories: Mapping[str, Any]) -> bool:
     """Return whether all events of a diagram coincide with steps of its plant, and only the plant is continuous.
 
-    An event within a step would divide it, and the integration would depend on it. Nothing is known of user systems.
+    An event within a step would divide it, and the integration would depend on it. Of user systems only those are known
+    whose class states its period.
     """
-    if factories or spec.systems:
+    if factories:
         return False
     rates = [spec.record.rate] if spec.record.signals else []
+    for entry in spec.systems.values():
+        period = sampling_period(entry.kind, entry.parameters(), folder=spec.folder)
+        if period is None:
+            return False
+        rates.append(1.0 / period)
     delays = []
     for name, vehicle in vehicles.items():
         rates.append(vehicle.control.rate)

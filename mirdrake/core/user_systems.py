@@ -57,6 +57,21 @@ def user_defaults(kind: str, *, folder: Path | str | None = None) -> dict[str, o
     return {argument.name: argument.default for argument in _named(maker) if argument.default is not argument.empty}
 
 
+def sampling_period(kind: str, parameters: Mapping[str, Any], *, folder: Path | str | None = None) -> float | None:
+    """Return the period of all events of a system [s]; None if it is not known.
+
+    It is known of a class whose attribute `sampled_with` names the argument that has it.
+    """
+    if ":" not in kind:
+        return None
+    try:
+        maker = _load_class(kind, where=kind, folder=None if folder is None else Path(folder))
+    except ConfigError:  # it is reported when the system is made
+        return None
+    period = parameters.get(getattr(maker, "sampled_with", ""))
+    return float(period) if isinstance(period, int | float) and period > 0.0 else None
+
+
 def _named(maker: type[System]) -> tuple[inspect.Parameter, ...]:
     try:
         return tuple(inspect.signature(maker).parameters.values())

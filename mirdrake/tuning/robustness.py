@@ -15,6 +15,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -26,10 +27,10 @@ from mirdrake.execution.calls import open_executor
 from mirdrake.execution.journal import Journal
 from mirdrake.studies.sampling import spread
 from mirdrake.studies.spec import ParameterSpec
-from mirdrake.tuning.loops.base import Conditions, Evaluator, Fidelity
+from mirdrake.tuning.loops.base import Conditions, Evaluation, Evaluator, Fidelity
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.scenarios import Ranges
-from mirdrake.tuning.search import LIMIT, Evaluations, TrialProgress
+from mirdrake.tuning.search import LIMIT, Evaluations, TrialProgress, record_of
 from mirdrake.tuning.spec import AT_LEAST
 
 DRAWN = tuple(field.name for field in fields(Conditions) if field.name != "seed")
@@ -239,6 +240,7 @@ def run_monte_carlo(
     purpose: Mapping[str, object] | None = None,
     progress: TrialProgress | None = None,
     selected: Mapping[str, Sequence[int]] | None = None,
+    known: Mapping[str, Mapping[Conditions, Evaluation]] = MappingProxyType({}),
 ) -> MonteCarlo:
     """Evaluate candidates under random conditions. After Ctrl-C, return the finished runs.
 
@@ -256,6 +258,7 @@ def run_monte_carlo(
         purpose: of the file.
         progress: called after every evaluation.
         selected: runs to make by candidate; by default all.
+        known: evaluations that have been made already, by candidate and conditions.
 
     Raises:
         ConfigError: no candidate, an unknown condition or an empty range.
@@ -276,6 +279,11 @@ def run_monte_carlo(
         for name, entry in gains.items()
         if run in wanted[name]
     }
+    for name, entry in gains.items():
+        for run in sorted(wanted[name]):
+            done = known.get(name, {}).get(draws[run])
+            if done is not None and f"{name} {run}" not in journal:
+                journal.add(f"{name} {run}", {"gains": entry, **record_of(done)})
     # Only those that the journal lacks need workers.
     missing = sum(key not in journal for key in tasks)
     complete = True

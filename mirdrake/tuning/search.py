@@ -196,9 +196,13 @@ class Evaluations:
 def evaluate_record(evaluate: Evaluator, gains: Point, conditions: Conditions, fidelity: Fidelity) -> Record:
     """Evaluate gains, in any process; return status, reason and figures as a record of a journal."""
     try:
-        result = evaluate(gains, conditions, fidelity)
+        return record_of(evaluate(gains, conditions, fidelity))
     except Exception as error:
         return {"status": "failed", "reason": one_line(error)}
+
+
+def record_of(result: Evaluation) -> Record:
+    """Return status, reason and figures of an evaluation as a record of a journal."""
     figures = {name: float(value) for name, value in result.figures.items()} if result.status == "ok" else {}
     return {"status": result.status, "reason": result.reason, "figures": figures}
 

@@ -75,6 +75,8 @@ class Stages:
         progress: see :data:`Progress`.
         margin_ratios: margins of the plant over those of the model, as far as they are known; a search uses limits of
             the model's margins with which those of the plant are met.
+        scenarios: tests in single conditions so far, by step of the plant and gains: a Monte Carlo need not repeat
+            them.
     """
 
     spec: TuningSpec
@@ -85,6 +87,7 @@ class Stages:
     workers: int | None
     progress: Progress
     margin_ratios: Mapping[str, float] = field(default_factory=dict)
+    scenarios: dict[tuple[float, ...], dict[Conditions, Evaluation]] = field(default_factory=dict)
 
     @property
     def identifiable(self) -> bool:
@@ -281,12 +284,17 @@ class Stages:
     ) -> Rejection | None:
         """Return the first of some scenarios in which gains are not stable; None if they are in all."""
         calls = [(gains, scenario) for scenario in scenarios]
+        made = self.scenarios.setdefault(self._test_key(gains), {}) if loop is None else {}
         # Stops at the first failure; closing cancels the tests that follow.
         with closing(self.evaluate(LoopEvaluator(loop or self.loop), calls, "scenarios")) as results:
             for scenario, result in zip(scenarios, results, strict=True):
+                made[scenario] = result
                 if result.status != "ok":
                     return Rejection("scenario", conditions=scenario, reason=result.reason)
         return None
+
+    def _test_key(self, gains: Mapping[str, float]) -> tuple[float, ...]:
+        return (self.loop.time_step, *(float(value) for value in gains.values()))
 
     def monte_carlo(
         self, candidates: Sequence[Candidate], *, pairs: Sequence[tuple[str, str]] = ()
@@ -360,6 +368,9 @@ class Stages:
             purpose={"study": self.key},
             progress=lambda done, count, left: self.progress(stage, done, count, left),
             selected=selected,
+            known={name: self.scenarios.get(self._test_key(entry), {}) for name, entry in gains.items()}
+            if on_plant
+            else {},
         )
         if not outcome.complete:
             raise StoppedError

@@ -4,6 +4,7 @@ Delay, load and noise are values in the Context, so that nothing is rebuilt to c
 """
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from pydrake.common.value import Value
@@ -38,6 +39,9 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         size: number of controls.
         period: time between updates of the control [s].
     """
+
+    sampled_with: ClassVar[str] = "period"
+    """Argument with the period of all events."""
 
     def __init__(self, size: int, period: float) -> None:
         super().__init__()
@@ -115,6 +119,9 @@ class NoisySensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         size: of the vector.
         period: time for which a value of the noise is held [s].
     """
+
+    sampled_with: ClassVar[str] = "period"
+    """Argument with the period of all events."""
 
     def __init__(self, size: int, period: float) -> None:
         super().__init__()

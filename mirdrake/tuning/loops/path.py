@@ -83,8 +83,7 @@ class PathLoop(SignalLoop):
                     DELAY: {"kind": f"{DelayedActuator.__module__}:DelayedActuator", "size": 1, "period": PERIOD}
                 },
                 "connect": [["ego.steering_command", f"{DELAY}.u"], [f"{DELAY}.y", "ego.steering_reference"]],
-                # Settings of the user have precedence.
-                "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
+                "plant": {"contact": "tyre", **study.plant.model_dump(exclude_unset=True)},
                 "duration": self.course(study).duration,
                 "seed": study.seed,
             }

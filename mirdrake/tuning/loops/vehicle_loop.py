@@ -261,6 +261,9 @@ def _steps_per_period(rate: float) -> int:
 
 
 def _plant(study: TuningSpec, rate: float, *, steps: int) -> dict[str, object]:
-    """Return the settings of the plant: point contact and the longest step that is accurate, if the study has none."""
-    usual = {"contact": "point", "time_step": 1.0 / rate / steps, "machine_code": True}
+    """Return the settings of the plant: vertical tyres and the longest step that is accurate, if the study has none.
+
+    With vertical tyres the plant is continuous, which takes less than half of the time of point contact.
+    """
+    usual = {"contact": "tyre", "time_step": 1.0 / rate / steps, "machine_code": True}
     return usual | study.plant.model_dump(exclude_unset=True)
