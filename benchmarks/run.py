@@ -200,6 +200,8 @@ def _w5_targets(w5: dict[str, Any]) -> dict[str, Any]:
     mujoco = w5.get("mujoco_pool")
     must = 0.1 * (mujoco["wall_ms_per_simulated_s"] if mujoco else W5_MUJOCO)
     targets_ = {"w5_ms_per_simulated_s": _at_most(w5["wall_ms_per_simulated_s"], must=must)}
+    if w5["threads"] == 2 and w5["candidates"] >= 1000:  # valid on a machine without other work
+        targets_["w5_wall_ratio_of_threads"] = _at_least(w5["wall_ratio_of_threads"], must=1.6)
     if not mujoco:
         targets_["w5_note"] = _note(
             f"a tenth of {W5_MUJOCO:g} ms, what MuJoCo took on a quiet machine; it is not installed"
