@@ -6,8 +6,10 @@ Angles are bicycle angles [rad], positive to the left; all are zero before ``sta
 import math
 import random
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.by_kind import make_by_kind
@@ -32,7 +34,7 @@ def ramp(*, rate: float, limit: float, start: float = 0.0) -> Profile:
     return angle
 
 
-def tabulate(data: Mapping[str, object], times: Array) -> Array:
+def tabulate(data: Mapping[str, object], times: NDArray[np.floating[Any]]) -> Array:
     """Return the angles of a profile at times [s], to the last bit those of :func:`make_profile`.
 
     Steps, of which sweeps have thousands, are computed for all times at once; sines of an array could differ in their
@@ -40,7 +42,8 @@ def tabulate(data: Mapping[str, object], times: Array) -> Array:
     """
     profile = make_profile(data)  # checks the data
     if data["kind"] == "step":
-        return _step_over(times, **{key: value for key, value in data.items() if key != "kind"})  # type: ignore[arg-type]
+        settings: dict[str, Any] = {key: value for key, value in data.items() if key != "kind"}
+        return _step_over(np.asarray(times, dtype=float), **settings)
     return np.array([profile(time) for time in times.tolist()])
 
 
