@@ -243,7 +243,7 @@ def test_covariance_weighs_the_noise_at_the_frequencies_of_the_slopes():
         spectrum = 1.0 / abs(1.0 - 0.7 * np.exp(-1j * pace)) ** 2
         covariance, forgetful = score_covariance([stretch(noise, slopes)])
         assert covariance[0, 0] == pytest.approx(spectrum * 0.5 * len(noise), rel=0.1)
-    # A fast slope would be known better than with white noise; that is not believed.
+    # A fast slope would be known better than with white noise; that is not credible.
     covariance, forgetful = score_covariance([stretch(noise, np.sin(2.5 * np.arange(len(noise))))])
     assert covariance[0, 0] == pytest.approx(forgetful[0, 0], rel=1e-9)
 

@@ -207,7 +207,7 @@ def test_the_published_cat_vehicle_hides_its_load_transfer():
     assert body.com[2] == pytest.approx(-0.0256 - (0.66 - 0.3671951254), abs=1e-9)  # a third of a metre below the road
     assert vehicle_figures.com[2] < -0.2
     assert vehicle_figures.wheelbase == pytest.approx(2.60, abs=1e-9)
-    wheel = load_vehicle("catvehicle@published").control.believes.wheel_radius
+    wheel = load_vehicle("catvehicle@published").control.assumed.wheel_radius
     assert wheel == pytest.approx(1.0 / 2.6101, rel=1e-5)
 
 

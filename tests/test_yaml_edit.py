@@ -51,7 +51,7 @@ def test_a_missing_key_comes_last_in_its_mapping() -> None:
 
 
 def test_a_missing_mapping_is_added_with_its_key() -> None:
-    assert _edited(LOOPS, Edit("believes.track.front", 1.5)) == LOOPS + "believes:\n  track:\n    front: 1.5\n"
+    assert _edited(LOOPS, Edit("assumed.track.front", 1.5)) == LOOPS + "assumed:\n  track:\n    front: 1.5\n"
 
 
 def test_a_key_is_taken_out_with_its_line() -> None:

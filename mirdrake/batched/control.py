@@ -131,7 +131,7 @@ class BatchControl:
         delayed: Floats = np.zeros((count, int(self._delays.max()) + 1, OUTPUTS))
         delayed[:, :, 0] = angles[:, None]
         # Pedals are released, in drive.
-        delayed[:, :, 4] = 1.0 if self._pedals else speeds[:, None] * self._unit.true_over_believed
+        delayed[:, :, 4] = 1.0 if self._pedals else speeds[:, None] * self._unit.true_over_assumed
         self._memories = Memories(
             unit=np.array(rows),
             delayed=delayed,
@@ -351,7 +351,7 @@ class BatchControl:
         law = pedals or PedalControl(kind="pedals").make_pedal_controller(self._powertrain, vehicle.spec, period)
         assert isinstance(law, PedalLaw)
         numbers = UnitNumbers(
-            unit.constants.radii[0] * unit.true_over_believed, unit.true_over_believed, unit.force_per_torque, period
+            unit.constants.radii[0] * unit.true_over_assumed, unit.true_over_assumed, unit.force_per_torque, period
         )
         own, present, own_pid, present_pid, schedule = self._wheel_gains(
             vehicle, records(type(wheel[0]), wheel), law.pedal_numbers.inertia if pedals is not None else 1.0

@@ -58,13 +58,13 @@ class UnitNumbers(NamedTuple):
 
     Attributes:
         radius: true radius of the wheels [m].
-        true_over_believed: true radius of the wheels over the believed one [1].
+        true_over_assumed: true radius of the wheels over the assumed one [1].
         force_per_torque: drive force over the torque of a wheel [1/m].
         period: control period [s].
     """
 
     radius: float
-    true_over_believed: float
+    true_over_assumed: float
     force_per_torque: float
     period: float
 
@@ -292,7 +292,7 @@ def drive(
                 else:
                     # Brake force 0: with servos the speed set-point brakes.
                     delayed[slot, 2], delayed[slot, 3] = torques[0] * unit.force_per_torque, 0.0
-                    delayed[slot, 4] = trimmed * unit.true_over_believed
+                    delayed[slot, 4] = trimmed * unit.true_over_assumed
 
             # Inputs of the model until the next event.
             if pedals:
@@ -325,9 +325,9 @@ def drive(
         write_state(states[i], positions, x)
 
 
-def _true_angle(law: SteeringLaw, believed: SteeringNumbers, true: SteeringNumbers, steering: float) -> float:
+def _true_angle(law: SteeringLaw, assumed: SteeringNumbers, true: SteeringNumbers, steering: float) -> float:
     """Return the true bicycle angle [rad] of the wheels for the output of the steering actuator."""
-    angles = law(believed, steering)[0]
+    angles = law(assumed, steering)[0]
     return bicycle_angle(true, angles[0], angles[1])
 
 

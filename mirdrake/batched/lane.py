@@ -41,7 +41,7 @@ class LaneNumbers(NamedTuple):
         actuator: numbers of the steering actuator.
         actuator_size: length of its memory.
         speed_limits: limits of the trim [m/s].
-        true_over_believed: true over believed radius of the wheels [1].
+        true_over_assumed: true over assumed radius of the wheels [1].
         force_per_acceleration: feed-forward of the drive force over the slope of the speed set-point [kg].
         period: control period [s].
         path: numbers of the track.
@@ -56,7 +56,7 @@ class LaneNumbers(NamedTuple):
     actuator: ActuatorNumbers
     actuator_size: int
     speed_limits: PidLimits
-    true_over_believed: float
+    true_over_assumed: float
     force_per_acceleration: float
     period: float
     path: PathNumbers
@@ -162,7 +162,7 @@ def _control(
     write_pid(memory, PID, loop)
     # Feed-forward of the drive force by the set-point before the trim: the trim corrects the speed only.
     rate, drive = (angle - before) / lane.period, lane.force_per_acceleration * (speed - last_speed) / lane.period
-    return Inputs(angle, drive, 0.0, rate, trimmed * lane.true_over_believed), trimmed - speed
+    return Inputs(angle, drive, 0.0, rate, trimmed * lane.true_over_assumed), trimmed - speed
 
 
 def _interval(path: PathNumbers, s: float) -> int:

@@ -37,7 +37,7 @@ from mirdrake.plant.powertrain import PEDALS, ActuatorLaw, PowertrainLaw
 from mirdrake.plant.powertrain.system import make_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.joint_control.base import NoNumbers, PedalController, PedalPositions, feedforward_only
-from mirdrake.vehicles.spec import Beliefs
+from mirdrake.vehicles.spec import AssumedGeometry
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import VehicleInPlant
@@ -77,7 +77,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
     Attributes:
         vehicle: the vehicle.
         setup: constants of the step.
-        steering_law: steering law of the believed geometry.
+        steering_law: steering law of the assumed geometry.
         actuator: law of the steering actuator.
         pedal_law: controller of the pedals; None: pedals do not drive.
         actuators: number of actuators.
@@ -111,8 +111,8 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         control, spec = vehicle.control, vehicle.spec
         self.vehicle, self._period, self.actuators = vehicle, 1.0 / control.rate, actuators
         # The controllers know the dimensions that control.yaml states, which may be wrong on purpose.
-        believed = believed_geometry(vehicle.geometry, control.believes)
-        self.steering_law = make_steering_law(believed, spec.steering.law, factor=spec.steering.factor)
+        assumed = assumed_geometry(vehicle.geometry, control.assumed)
+        self.steering_law = make_steering_law(assumed, spec.steering.law, factor=spec.steering.factor)
         self.actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
         wheel, steering = control.wheel_speed, control.steering
         self.pedal_law: PedalController | None = None
@@ -301,9 +301,9 @@ class VehicleControl(ControlUnit):
         # Ports of one model instance begin at its first actuator, indices of Drake at that of the plant.
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         inputs = [int(actuator.input_start()) - first for actuator in (*part.wheel_actuators, *part.steering_actuators)]
-        # The controllers may have a wrong wheel radius on purpose (`believes`), as a real unit does.
-        believed = vehicle.control.believes.wheel_radius
-        front, rear = [believed or radius for radius in part.rolling_radii(plant)]
+        # The controllers may have a wrong wheel radius on purpose (`assumed`), as a real unit does.
+        assumed = vehicle.control.assumed.wheel_radius
+        front, rear = [assumed or radius for radius in part.rolling_radii(plant)]
         driven = vehicle.spec.driven_wheels()
         uses_pedals = vehicle.control.wheel_speed.uses_pedals and not part.parked
         super().__init__(
@@ -380,15 +380,15 @@ class VehicleControl(ControlUnit):
         state.get_mutable_value(self._memory)[:] = result.memory
 
 
-def believed_geometry(geometry: SteeringGeometry, believes: Beliefs) -> SteeringGeometry:
-    """Return the geometry that the controllers calculate with: the model's, or that of ``believes`` in control.yaml."""
-    if believes.wheelbase is None and believes.track is None:
+def assumed_geometry(geometry: SteeringGeometry, assumed: AssumedGeometry) -> SteeringGeometry:
+    """Return the geometry that the controllers calculate with: the model's, or that of ``assumed`` in control.yaml."""
+    if assumed.wheelbase is None and assumed.track is None:
         return geometry
     return AxleGeometry(
-        wheelbase=believes.wheelbase or geometry.wheelbase,
-        front_track=believes.track or geometry.front_track,
-        rear_track=believes.track or geometry.rear_track,
-        kingpin_track=believes.track or geometry.kingpin_track,
+        wheelbase=assumed.wheelbase or geometry.wheelbase,
+        front_track=assumed.track or geometry.front_track,
+        rear_track=assumed.track or geometry.rear_track,
+        kingpin_track=assumed.track or geometry.kingpin_track,
         steering_limit=geometry.steering_limit,
         steering_rate=geometry.steering_rate,
     )

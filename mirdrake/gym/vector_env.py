@@ -293,7 +293,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         mass: mass for which the unit computes the drive force [kg].
 
     Raises:
-        ConfigError: the vehicle has another steering law than Ackermann, other believed dimensions, or no servos.
+        ConfigError: the vehicle has another steering law than Ackermann, other assumed dimensions, or no servos.
     """
     control, spec, geometry = vehicle.control, vehicle.spec, vehicle.geometry
     # The compiled loop has only these laws; others would drive differently without a message.
@@ -302,13 +302,13 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
             f"vector environment: '{vehicle.name}' needs wheel_speed of kind servo and Ackermann steering; it has "
             f"'{control.wheel_speed.kind}' and '{spec.steering.law}'"
         )
-    if control.believes.wheelbase is not None or control.believes.track is not None:
-        raise ConfigError(f"vector environment: '{vehicle.name}' believes other dimensions; leave out `believes`")
-    # The radius of a driven wheel converts its torque and speed; the believed one is that of the control unit.
+    if control.assumed.wheelbase is not None or control.assumed.track is not None:
+        raise ConfigError(f"vector environment: '{vehicle.name}' assumes other dimensions; leave out `assumed`")
+    # The radius of a driven wheel converts its torque and speed; the assumed one is that of the control unit.
     radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
     # The lag of the steering is a part of the control unit in the loop.
     correction, actuator = control.speed.max_correction, ActuatorLaw(spec.actuators.steering, period=period)
-    believed = control.believes.wheel_radius or radius
+    assumed = control.assumed.wheel_radius or radius
     numbers = LaneNumbers(
         acceleration=control.speed.max_acceleration,
         deceleration=control.speed.max_deceleration,
@@ -316,8 +316,8 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         actuator=actuator.numbers,
         actuator_size=actuator.size,
         speed_limits=PidLimits(-correction, correction),
-        true_over_believed=radius / believed,
-        force_per_acceleration=mass * believed / radius,
+        true_over_assumed=radius / assumed,
+        force_per_acceleration=mass * assumed / radius,
         period=period,
         path=PathTables(make_centre_line(track)).numbers,
         wheelbase=geometry.wheelbase,

@@ -69,14 +69,14 @@ class SingleTrackControl(ControlUnit):
 
     def __init__(self, vehicle: Vehicle, *, mass: float, rotating: float = 0.0, delay: float = 0.0) -> None:
         geometry, spec, control = vehicle.geometry, vehicle.spec, vehicle.control
-        # Odometry and torques refer to the driven wheels; a wrong believed radius scales measured speed and set-point.
+        # Odometry and torques refer to the driven wheels; a wrong assumed radius scales measured speed and set-point.
         self._radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
-        believed = control.believes.wheel_radius or self._radius
+        assumed = control.assumed.wheel_radius or self._radius
         uses_pedals = control.wheel_speed.uses_pedals
         super().__init__(
             vehicle,
             mass=mass,
-            radii=(believed,) * 4,
+            radii=(assumed,) * 4,
             driven=(True, False, False, False),  # the first wheel represents all: they roll at the same speed
             places=_PLACES,
             actuators=6,
@@ -92,8 +92,8 @@ class SingleTrackControl(ControlUnit):
             )
         self._delay_steps = steps
         self._true = Ackermann(geometry)
-        # The model needs true speeds and forces; the laws of the unit calculate with the believed radius.
-        self._true_over_believed = self._radius / believed
+        # The model needs true speeds and forces; the laws of the unit calculate with the assumed radius.
+        self._true_over_assumed = self._radius / assumed
         self._force_per_torque = len(spec.driven_wheels()) / self._radius
         self.command = declare_vector_input(self, "command", COMMAND)
         self.state = declare_vector_input(self, "state", STATE)
@@ -124,9 +124,9 @@ class SingleTrackControl(ControlUnit):
         return self._radius
 
     @property
-    def true_over_believed(self) -> float:
-        """True over believed radius of the wheels [1]."""
-        return self._true_over_believed
+    def true_over_assumed(self) -> float:
+        """True over assumed radius of the wheels [1]."""
+        return self._true_over_assumed
 
     @property
     def force_per_torque(self) -> float:
@@ -149,8 +149,8 @@ class SingleTrackControl(ControlUnit):
 
     def _read_state(self, context: Context) -> npt.NDArray[np.float64]:
         speed = self.state.Eval(context)[_VX].item()
-        # True wheel speed: radii hold the believed radius, and believed times true/believed is the true one.
-        rate = speed / (self.setup.radii[0] * self._true_over_believed)
+        # True wheel speed: radii hold the assumed radius, and assumed times true/assumed is the true one.
+        rate = speed / (self.setup.radii[0] * self._true_over_assumed)
         return np.array([1.0, 0.0, 0.0, 0.0, speed, 0.0, 0.0, rate, rate, rate, rate, 0.0, 0.0])
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
@@ -159,7 +159,7 @@ class SingleTrackControl(ControlUnit):
         angle = self.steering_angle.Eval(context).item()
         steering = self.steering_law.bicycle_angle(*self._true.wheel_angles(angle))
         # Third value: set-point of the wheel servos, or the gear (1: drive) where pedals drive the vehicle.
-        pedals_or_forces = [0.0, 0.0, speed * self._true_over_believed if self.pedal_law is None else 1.0]
+        pedals_or_forces = [0.0, 0.0, speed * self._true_over_assumed if self.pedal_law is None else 1.0]
         now = [angle, 0.0, *pedals_or_forces]
         values.set_value(self._delayed, now * self._delay_steps)
         values.set_value(self._steering, now[:2])
@@ -187,7 +187,7 @@ class SingleTrackControl(ControlUnit):
         if result.pedals is not None:
             return list(result.pedals)
         drive = result.actuation[0] * self._force_per_torque
-        return [drive, 0.0, result.trimmed * self._true_over_believed]
+        return [drive, 0.0, result.trimmed * self._true_over_assumed]
 
     def _actual_angle(self, memory: Sequence[float]) -> float:
         """Return the bicycle angle of the wheels [rad] for the output of the steering actuator."""

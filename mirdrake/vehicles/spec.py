@@ -158,7 +158,7 @@ class SpeedControl(Schema):
     )
 
 
-class Beliefs(Schema):
+class AssumedGeometry(Schema):
     """Dimensions that the controllers assume; null: those of the model."""
 
     wheelbase: Length | None = Field(default=None, gt=0, description="[m] assumed wheelbase")
@@ -212,7 +212,7 @@ class ControlSpec(Schema):
     dead_man: Duration = Field(
         default=0.2, gt=0, description="[s] watchdog timeout: without a command for this time, zero speed is commanded"
     )
-    believes: Beliefs = Field(default_factory=Beliefs)
+    assumed: AssumedGeometry = Field(default_factory=AssumedGeometry)
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[WheelSpeedControl, Field(discriminator="kind")]
     steering: Annotated[SteeringControl, Field(discriminator="kind")]
