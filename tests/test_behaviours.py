@@ -19,12 +19,12 @@ from mirdrake.controllers.behaviours.laws import (
     brake_speed,
     free_distance,
     gap_to,
-    headway,
     line_curvature,
     stopping_distance,
 )
 from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
+from mirdrake.controllers.behaviours.straight_and_avoid import free_ways, turning
 from mirdrake.controllers.drivers import DRIVERS, DriverSpec
 from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.errors import ConfigError, RunError
@@ -201,11 +201,37 @@ def test_the_gap_is_that_of_the_whole_front_edge():
     np.testing.assert_allclose(gap_to(points, BOX), [2.0, 2.0, 5.0, 0.5])
 
 
-def test_arc_length_along_a_line():
-    assert headway(np.array([5.0]), np.array([0.0]), 0.0)[0] == pytest.approx(5.0)
-    assert headway(np.array([5.0]), np.array([0.0]), 1.0)[0] == pytest.approx(5.0 * math.cos(1.0))
-    assert headway(np.array([5.0]), np.array([0.1]), 0.2)[0] == pytest.approx((math.sin(0.7) - math.sin(0.2)) / 0.1)
-    assert headway(np.array([90.0]), np.array([-0.2]), 0.0)[0] == pytest.approx(5.0)  # to square to the line
+def test_a_path_is_free_as_far_as_its_circle_is():
+    rng = np.random.default_rng(3)
+    driver = make_driver("straight_and_avoid", WorldStandIn())
+    box = driver.outline
+    angles = np.linspace(-0.5, 0.5, 11)
+    paths = driver._paths(turning(0.0, angles, math.inf, 48))
+    compared = 0
+    for _ in range(200):
+        point = np.array([[rng.uniform(box.front, 12.0), rng.uniform(-6.0, 6.0)]])
+        exact = free_distance(point, np.tan(angles) / 2.6, box, reach=12.0)
+        found = np.minimum(free_ways([0.0], point, paths, box)[0] * 0.25, 12.0)
+        # Straight ahead it is exact; a corner of the box can miss a point between two poses.
+        assert found[5] == pytest.approx(exact[5], abs=1e-9)
+        deep = free_distance(point, np.tan(angles) / 2.6, box._replace(half_width=box.half_width - 0.25), reach=12.0)
+        both = (deep < 11.5) & (deep < exact + 0.3)  # not only a corner
+        assert np.all(np.abs(found - exact)[both] < 0.3)
+        compared += both.sum()
+    assert compared > 150
+
+
+def test_a_predicted_path_turns_with_the_rate_of_the_steering():
+    # At 4 m/s and 0.5 rad/s the angle changes by 1/32 rad in a step of 0.25 m.
+    driver, change = make_driver("straight_and_avoid", WorldStandIn()), 0.03125
+    angles = turning(-0.1, np.array([0.4]), change, 48)
+    s = np.arange(48) * 0.25 + 0.125
+    np.testing.assert_allclose(angles[0], np.minimum(-0.1 + 0.125 * s, 0.4))
+    # The yaw angle is the integral of the curvature tan(δ) / L; of tan(a + b s) it is -ln cos(a + b s) / b.
+    x, y, yaw = (column[0] for column in driver._paths(angles))
+    ramp = (math.log(math.cos(-0.1)) - math.log(math.cos(0.4))) / 0.125 / 2.6
+    assert yaw[-1] == pytest.approx(ramp + math.tan(0.4) / 2.6 * (12.0 - 4.0), abs=2e-4)
+    assert math.hypot(np.diff(x)[0], np.diff(y)[0]) == pytest.approx(0.25)
 
 
 def test_the_return_to_the_line_decays_over_its_distance():

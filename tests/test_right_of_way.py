@@ -109,6 +109,42 @@ def test_the_first_to_stop_drives_at_an_all_way_stop(tmp_path: Path) -> None:
         assert way.stops
 
 
+@pytest.mark.slow
+def test_one_that_yields_to_endless_traffic_passes_after_its_patience(tmp_path: Path) -> None:
+    signs = {270: signal("s", 0.5, "205"), 90: signal("n", 0.5, "205")}
+    cars = {f"east_{k}": ("180.0.1", 1.0 + 16.0 * k) for k in range(3)} | {"north": ("270.0.1", 20.0)}
+    world = world_of(tmp_path, cars, signals=signs)
+    lanes, crew, _ = make_crew(world, {}, 0)
+    step, now = TimeStep(lanes, crew), start_states(world, lanes)
+    claims, names = step.claims(), list(world.lanes)
+    arrives, leaves = names.index("180.0.1"), names.index("0.0.-1")
+    passed, hardest, poses = math.nan, 0.0, []
+    for k in range(round(60.0 / DT)):
+        after = np.empty_like(now)
+        step(now, np.empty((0, 5)), k * DT, DT, after, claims)
+        now = after
+        # A car that has left comes again as soon as there is room, so that the queue never ends.
+        for row in now[:3]:
+            last = min((float(other["s"]) for other in now[:3] if other["lane"] == arrives), default=50.0)
+            if row["lane"] == leaves and row["s"] > 5.0 and last > 17.0:
+                row["lane"], row["s"], row["v"] = arrives, 1.0, min(8.0, float(row["v"]))
+        hardest = min(hardest, float(now["a"][:3].min()))
+        poses.append(np.column_stack([now[key] for key in ("x", "y", "yaw")]))
+        if k * DT == 30.0:
+            # It waits since it came. For the 180 s to end 5 s later, its request is made older.
+            assert math.isnan(passed)
+            assert 0.0 <= claims["since"][3] < 10.0
+            claims["since"][3] = 30.0 - 175.0
+        if math.isnan(passed) and names[int(now["lane"][3])].startswith("270_"):
+            passed = k * DT
+    # Those pass first who had reserved their ways before; the next ones brake comfortably.
+    assert 35.0 < passed < 50.0
+    assert hardest > -3.5
+    volume, places = world.actors[0].volume, np.array(poses)
+    for other in range(3):
+        assert float(clearance_between(volume, places[:, 3], volume, places[:, other]).min()) > 0.5
+
+
 # --- draws of junctions ---------------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,10 @@ One law for actors on lanes and for full vehicles with the driver ``traffic``:
    the one that came first is the first.
 4. In this order, a request is granted if its way conflicts with no reserved one and with none of an earlier request,
    and if no other vehicle with priority arrives within the critical gap.
+5. One that has waited for 180 s yields no longer: its request comes before those that have not been granted, and it
+   does not wait for vehicles that have not requested their way. These still have room to brake for the line. It is the
+   law of impatience of SUMO (docs "Vehicle parameters", `impatience`; `--time-to-impatience`, 180 s) at its upper end,
+   where others are assumed to brake.
 
 The first request in the order waits only for vehicles that have reserved their ways, and these wait for none: they
 pass, so that each vehicle passes after finitely many others. First come, first served is the rule of reservations of
@@ -142,6 +146,7 @@ _STANDS = 0.1  # [m/s] speed of one that has stopped
 _SLOW = 2.0  # [m/s] one slower than this can come to a stop where it is
 _BEFORE = 1.0  # [m] behind the line in which a red light counts
 _CLEAR = 2.0  # [m] before a place of conflict that must be free
+_PATIENCE = 180.0  # [s] of waiting after which one yields no longer
 
 
 def reserve(
@@ -196,7 +201,7 @@ def reserve(
             for k in range(HELD):
                 if is_next(chains[i], claims[i].held[k]):
                     claims[i].held[k] = -1.0
-    grant(t, ways, speeds, shape, objects, known, lanes, places, kinds, chains, claims)
+    grant(t, ways, speeds, shape, time, objects, known, lanes, places, kinds, chains, claims)
     # A line is closed for all that are near enough to request, and have not reserved their way.
     for i in range(total):
         near = claims[i].way >= 0.0 and claims[i].distance <= request_distance(numbers[i], speeds[i])
@@ -417,7 +422,7 @@ def yields(ways: Ways, chain: npt.NDArray[np.int64], other: npt.NDArray[np.int64
 
 
 def grant(
-    t: LaneTable, ways: Ways, speeds: Array, shape: Array, objects: Records, known: int,
+    t: LaneTable, ways: Ways, speeds: Array, shape: Array, time: float, objects: Records, known: int,
     lanes: npt.NDArray[np.int64], places: Array, kinds: npt.NDArray[np.int64], chains: npt.NDArray[np.int64],
     claims: Records,
 ) -> None:  # fmt: skip
@@ -428,6 +433,7 @@ def grant(
         ways: ways through junctions.
         speeds: of all [m/s].
         shape: front, rear and half of the width of all (n + m, 3) [m].
+        time: since the start [s].
         objects: objects on lanes.
         known: their number.
         lanes: lanes of all that drive by the right of way, -1 for others.
@@ -454,7 +460,7 @@ def grant(
     waiting = np.flatnonzero(kinds == 2)
     placed = np.zeros(len(waiting), np.bool_)
     for _ in range(len(waiting)):
-        position = next_in_order(ways, waiting, placed, chains, claims)
+        position = next_in_order(ways, waiting, placed, chains, time, claims)
         placed[position] = True
         i = waiting[position]
         free = True
@@ -471,7 +477,7 @@ def grant(
                 free = False
         for k in range(HELD):
             if free and chains[i, k] >= 0:
-                free = not must_yield(ways, i, chains[i, k], speeds, objects, known, lanes, kinds, claims)
+                free = not must_yield(ways, i, chains[i, k], speeds, time, objects, known, lanes, kinds, claims)
         if free:
             kinds[i] = 3
             hold_all(claims[i], chains[i])
@@ -490,7 +496,7 @@ def hold_all(claim: Any, chain: npt.NDArray[np.int64]) -> None:
 
 def next_in_order(
     ways: Ways, waiting: npt.NDArray[np.int64], placed: npt.NDArray[np.bool_], chains: npt.NDArray[np.int64],
-    claims: Records,
+    time: float, claims: Records,
 ) -> int:  # fmt: skip
     """Return the position of the next request in the order of all.
 
@@ -499,7 +505,7 @@ def next_in_order(
     best = -1
     for k in range(len(waiting)):
         earlier = best < 0 or claims[waiting[k]].since < claims[waiting[best]].since
-        if not placed[k] and earlier and first_before(ways, waiting, placed, chains, claims, k) < 0:
+        if not placed[k] and earlier and first_before(ways, waiting, placed, chains, time, claims, k) < 0:
             best = k
     if best >= 0:
         return best
@@ -508,22 +514,24 @@ def next_in_order(
     while placed[k]:
         k += 1
     for _ in range(len(waiting)):
-        k = first_before(ways, waiting, placed, chains, claims, k)
-    best, at = k, first_before(ways, waiting, placed, chains, claims, k)
+        k = first_before(ways, waiting, placed, chains, time, claims, k)
+    best, at = k, first_before(ways, waiting, placed, chains, time, claims, k)
     while at != k:
         since = claims[waiting[at]].since
         if since < claims[waiting[best]].since or (since == claims[waiting[best]].since and at < best):
             best = at
-        at = first_before(ways, waiting, placed, chains, claims, at)
+        at = first_before(ways, waiting, placed, chains, time, claims, at)
     return best
 
 
 def first_before(
     ways: Ways, waiting: npt.NDArray[np.int64], placed: npt.NDArray[np.bool_], chains: npt.NDArray[np.int64],
-    claims: Records, k: int,
+    time: float, claims: Records, k: int,
 ) -> int:  # fmt: skip
     """Return the position of the earliest request, not yet placed, to which another one yields; -1: none."""
     best = -1
+    if time - claims[waiting[k]].since > _PATIENCE:
+        return best
     for other in range(len(waiting)):
         if placed[other] or other == k:
             continue
@@ -534,8 +542,8 @@ def first_before(
 
 
 def must_yield(
-    ways: Ways, i: int, way: int, speeds: Array, objects: Records, known: int, lanes: npt.NDArray[np.int64],
-    kinds: npt.NDArray[np.int64], claims: Records,
+    ways: Ways, i: int, way: int, speeds: Array, time: float, objects: Records, known: int,
+    lanes: npt.NDArray[np.int64], kinds: npt.NDArray[np.int64], claims: Records,
 ) -> bool:  # fmt: skip
     """Return whether one on a way must wait for others who have not requested one.
 
@@ -544,6 +552,7 @@ def must_yield(
         i: its number.
         way: number of the way.
         speeds: of all [m/s].
+        time: since the start [s].
         objects: objects on lanes.
         known: their number.
         lanes: lanes of all that drive by the right of way, -1 for others.
@@ -551,8 +560,9 @@ def must_yield(
         claims: claims of all.
     """
     row = ways.rows[way]
+    patient = time - claims[i].since <= _PATIENCE
     # Vehicles that drive by the right of way to the same junction, and come to the place of conflict within the gap.
-    for j in range(len(claims)):
+    for j in range(len(claims) if patient else 0):
         if j == i or lanes[j] < 0 or kinds[j] >= 2 or not in_junction(ways, claims[j].way, row.junction):
             continue
         k = meeting(ways, float(way), claims[j].way)

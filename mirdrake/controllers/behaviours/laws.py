@@ -119,22 +119,3 @@ def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, rea
         angle = np.fmin(angle, np.where(to_go < -1e-9, to_go + 2.0 * math.pi, to_go))
     result[turning] = np.clip(np.min(angle, axis=1) * radius[:, 0], 0.0, reach)
     return result
-
-
-def headway(distance: Array, curvatures: Array, heading: float, *, lever: float = 0.0) -> Array:
-    """Return the progress along a line (k) [m] after distances (k) [m] on circles, at most until perpendicular to it.
-
-    Args:
-        distance: of the rear axle centre along each circle [m].
-        curvatures: of the circles [1/m].
-        heading: course minus direction of the line at the start [rad].
-        lever: how far ahead of the rear axle the point is whose way counts [m].
-    """
-    end = heading + curvatures * distance
-    # Progress counts until the course is perpendicular to the line; beyond, the vehicle would go back.
-    end = np.clip(end, min(heading, -0.5 * math.pi), max(heading, 0.5 * math.pi))
-    bent = np.abs(curvatures) > _STRAIGHT
-    # The limit of the quotient for a straight path.
-    safe = np.where(bent, curvatures, 1.0)
-    way = np.where(bent, (np.sin(end) - math.sin(heading)) / safe, distance * math.cos(heading))
-    return np.asarray(way + lever * (np.cos(end) - math.cos(heading)))

@@ -1,58 +1,69 @@
 """Drive straight on, steer around obstacles, return to the line, stop if there is no passage.
 
-At every decision the car looks along circles, how far they are free for a box as wide as the car and the clearance to
-both sides (:func:`~.laws.free_distance`). The circle that leads back to the line is taken when it is free as far as the
-car looks. Otherwise that one counts on which the bumper makes most way along the line, with the whole clearance and
-with half of it alike, with a little preference for the present steering and for the way back, so that the car does not
-dither. The speed is such that the car can stop before the chosen circle ends for half the clearance.
+At every decision the car predicts its path for a number of steering angles: the angle changes with the rate of the
+steering, then it stays (the dynamic window of D. Fox, W. Burgard, S. Thrun, The dynamic window approach to collision
+avoidance, IEEE Robotics & Automation Magazine 4(1), 1997, for a car with a limited steering rate). Each path is free
+as far as a box as wide as the car and the clearance to both sides can follow it. The path back to the line is taken
+when it is free as far as the car looks. Otherwise that one counts on which the bumper makes most way along the line,
+with the whole clearance and with half of it alike, with a little preference for the present steering and for the way
+back, so that the car does not alternate between two sides. The speed is such that the car can stop before the chosen
+path ends for half the clearance.
 
 The scan does not see beside the car: what passes out of it is remembered until the car has gone by.
 """
 
 import math
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
-from mirdrake.controllers.behaviours.laws import (
-    brake_speed,
-    free_distance,
-    headway,
-    line_curvature,
-    stopping_distance,
-)
+from mirdrake.controllers.behaviours.laws import brake_speed, line_curvature, stopping_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
-_CIRCLES = 31
+_ANGLES = 21
+_STEP = 0.25  # between the poses of a path; a front end moves less to the side than the clearance [m]
+_BLOCK = 12  # poses that are evaluated together
 _PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
 _BESIDE = 5.0  # lateral distance beyond which points are not remembered [m]
 _GRAIN = 0.1  # points closer together are remembered as one [m]
 _MOST = 256  # points remembered
 
 
+class Paths(NamedTuple):
+    """Poses of the rear axle centre along paths (n, m) in B [m, rad], every 0.25 m; the first one is the present."""
+
+    x: Array
+    y: Array
+    yaw: Array
+
+
 class StraightAndAvoid(Behaviour):
     """Straight on from where it starts, around obstacles. Ports as in :class:`Behaviour`.
 
-    Memory: x, y, yaw of the line in the world [m, rad]; last curvature [1/m]; x and y of points in the world [m].
+    Memory: x, y, yaw of the line in the world [m, rad]; steering angle [rad]; x and y of points in the world [m].
     """
 
     def __init__(self, vehicle: ShapedVehicle, spec: "StraightAndAvoidSpec"):
         super().__init__(vehicle, period=spec.period, memory=4 + 2 * _MOST)
-        self.spec = spec
-        share = np.linspace(-1.0, 1.0, _CIRCLES)
+        self.spec, self._wheelbase = spec, vehicle.geometry.wheelbase
+        share = np.linspace(-1.0, 1.0, _ANGLES)
         self._shares = share * np.abs(share)  # closer together near straight ahead
+        # Wider by the largest deviation of a bent path from a straight line between two poses.
+        bulge = self.law.curvature(self.law.limit) * _STEP**2 / 8.0
+        self._box = self.outline._replace(half_width=self.outline.half_width + bulge)
 
     def decide(self, view: View, memory: Array) -> Decision:
-        """Choose the best circle, and the speed allowed on it."""
+        """Choose the best steering angle, and the speed allowed with it."""
         # The line is fixed by the pose at the first decision.
         if math.isnan(memory[0]):
             memory[:4] = view.x, view.y, view.yaw, 0.0
-        x0, y0, yaw0, previous = memory[:4].tolist()
+        x0, y0, yaw0, present = memory[:4].tolist()
         heading = math.remainder(view.yaw - yaw0, 2.0 * math.pi)
         lateral = math.cos(yaw0) * (view.y - y0) - math.sin(yaw0) * (view.x - x0)
         points = self._remember(view, memory)
@@ -63,30 +74,80 @@ class StraightAndAvoid(Behaviour):
         )
         # It looks farther than it needs to stop, so that it can still choose.
         look = max(self.spec.lookahead, 1.2 * look)
-        max_curvature = min(self.law.curvature(self.law.limit), self.spec.lateral_acceleration / max(speed, 1.0) ** 2)
-        distance = max(self.spec.convergence_distance, 0.8 * speed)
-        wanted = min(max(line_curvature(lateral, heading, distance=distance), -max_curvature), max_curvature)
+        steps = math.ceil(look / _STEP)
         points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
-        curvature, way = wanted, math.inf
-        # Circles are compared only if the way back to the line is not free.
-        if way_with(self.spec.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
-            kappa = np.append(self._shares * max_curvature, wanted)
-            wide = way_with(self.spec.clearance, points, kappa, self.outline, reach=look)
-            narrow = way_with(0.5 * self.spec.clearance, points, kappa, self.outline, reach=look)
+        # The largest angle for the lateral acceleration v² κ, and the change of the angle within a step.
+        bend = self.spec.lateral_acceleration / max(speed, 1.0) ** 2
+        largest = min(self.law.limit, self.law.steering(bend))
+        change = self.law.rate * _STEP / max(speed, 1.0)
+
+        convergence = max(self.spec.convergence_distance, 0.8 * speed)
+        wanted = self._wanted(lateral, heading, convergence, largest)
+        back = self._back(lateral, heading, convergence, largest, present, change, steps)
+        steering, way = wanted, math.inf
+        # Paths are compared only if the way back to the line is not free.
+        if free_ways([self.spec.clearance], points, self._paths(back[None]), self._box)[0, 0] < steps:
+            angles = np.append(largest * self._shares, wanted)
+            paths = self._paths(turning(present, angles, change, steps))
+            clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
+            wide, narrow = free_ways(clearances, points, paths, self._box)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
-            made = sum(headway(way, kappa, heading, lever=self.outline.front) for way in (wide, narrow)) / (2.0 * look)
-            cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * max_curvature)
+            made = sum(self._progress(paths, heading, way) for way in (wide, narrow)) / (2.0 * look)
+            cost = (np.abs(angles - wanted) + np.abs(angles - present)) / (2.0 * largest)
             chosen = int(np.argmax(made - _PREFERENCE * cost))
-            curvature, way = float(kappa[chosen]), float(narrow[chosen])
-        memory[3] = curvature
-        profile = math.inf
-        if way < look:
-            profile = brake_speed(
-                way - self.spec.distance, deceleration=self.spec.deceleration, reaction=self.spec.reaction
-            )
+            steering = float(angles[chosen])
+            way = float(narrow[chosen]) * _STEP if narrow[chosen] < steps else math.inf
+        memory[3] = self.law.approach(present, steering, period=self.period)
+        profile = brake_speed(
+            way - self.spec.distance, deceleration=self.spec.deceleration, reaction=self.spec.reaction
+        )
         # Lateral acceleration v² κ.
-        limit = math.sqrt(self.spec.lateral_acceleration / max(abs(curvature), 1e-6))
-        return Decision(min(self.spec.speed, profile, limit), self.law.steering(curvature))
+        limit = math.sqrt(self.spec.lateral_acceleration / max(abs(self.law.curvature(steering)), 1e-6))
+        return Decision(min(self.spec.speed, profile, limit), steering)
+
+    def _wanted(self, lateral: float, heading: float, convergence: float, largest: float) -> float:
+        """Return the steering angle that leads back to the line [rad]."""
+        wanted = self.law.steering(line_curvature(lateral, heading, distance=convergence))
+        return min(max(wanted, -largest), largest)
+
+    def _back(
+        self,
+        lateral: float,
+        heading: float,
+        convergence: float,
+        largest: float,
+        steering: float,
+        change: float,
+        steps: int,
+    ) -> Array:
+        """Return the steering angles on the way back to the line after each step (steps) [rad]."""
+        angles = np.empty(steps)
+        for k in range(steps):
+            wanted = self._wanted(lateral, heading, convergence, largest)
+            steering += min(max(wanted - steering, -change), change)
+            angles[k] = steering
+            turn = self.law.curvature(steering) * _STEP
+            lateral += _STEP * math.sin(heading + 0.5 * turn)
+            heading += turn
+        return angles
+
+    def _paths(self, angles: Array) -> Paths:
+        """Return the paths for steering angles in each step (n, steps) [rad]."""
+        turn = np.tan(angles) / self._wheelbase * _STEP
+        yaw = np.cumsum(turn, axis=1)
+        middle = yaw - 0.5 * turn
+        moves = np.cumsum(np.cos(middle) * _STEP, axis=1), np.cumsum(np.sin(middle) * _STEP, axis=1), yaw
+        return Paths(*(np.insert(column, 0, 0.0, axis=1) for column in moves))
+
+    def _progress(self, paths: Paths, heading: float, way: Array) -> Array:
+        """Return the progress of the front end along the line (n) [m] after a number of steps of each path (n)."""
+        lever = self.outline.front * (np.cos(paths.yaw + heading) - math.cos(heading))
+        along = paths.x * math.cos(heading) - paths.y * math.sin(heading) + lever
+        row, last = np.arange(len(along)), along.shape[1] - 1
+        way = np.minimum(way, last)
+        step = np.minimum(way.astype(int), last - 1)
+        share = way - step
+        return np.asarray(along[row, step] + share * (along[row, step + 1] - along[row, step]))
 
     def _remember(self, view: View, memory: Array) -> Array:
         """Points in B (m, 2) [m]: those of the scan, and those that have passed out of it but not yet the car."""
@@ -106,19 +167,69 @@ class StraightAndAvoid(Behaviour):
         return np.vstack((passed[beside], view.points))
 
 
-def way_with(clearance: float, points: Array, curvatures: Array, outline: Outline, *, reach: float) -> Array:
-    """Free distances (k) [m] on circles with a clearance [m] to both sides.
+def turning(present: float, angles: Array, change: float, steps: int) -> Array:
+    """Return steering angles in each step (n, steps) [rad] that change from the present one as fast as they can.
 
-    What is nearer than that beside the car already, so that no steering could keep the clearance, is only not to be
-    touched.
+    Args:
+        present: the present angle [rad].
+        angles: those at the end (n) [rad].
+        change: largest change of the angle in a step [rad].
+        steps: number of steps.
     """
+    difference = (angles - present)[:, None]
+    # The angle in a step is that in its middle.
+    largest = change * (np.arange(steps) + 0.5)
+    return np.asarray(present + np.clip(difference, -largest, largest))
+
+
+def free_ways(clearances: Sequence[float], points: Array, paths: Paths, outline: Outline) -> Array:
+    """Return how many steps a vehicle can follow paths with clearances to both sides (k, n); infinite: all of them.
+
+    Between two poses points move on straight lines in the frame of the car, which is exact for a straight path. To a
+    point that is nearer than the clearance beside the car already, half of its present distance is kept, since no
+    steering can keep the clearance.
+
+    Args:
+        clearances: the clearances (k) [m].
+        points: points in B (m, 2) [m].
+        paths: the paths (n).
+        outline: the box.
+    """
+    result = np.full((len(clearances), len(paths.x)), math.inf)
+    if len(points) == 0:
+        return result
     rear, front, half, _ = outline
-    box = outline._replace(half_width=half + clearance)
-    x, side = points[:, 0], np.abs(points[:, 1])
-    # Points within the clearance already would make every free distance zero.
-    close = (x > rear) & (x < front) & (side < half + clearance) & (side > half)
-    free = free_distance(points[~close], curvatures, box, reach=reach)
-    return np.minimum(free, free_distance(points[close], curvatures, outline, reach=reach))
+    aside = np.abs(points[:, 1]) - half
+    beside_now = (points[:, 0] > rear) & (points[:, 0] < front) & (aside > 0.0)
+
+    kept = [half + np.where(beside_now & (aside < one), 0.5 * aside, one) for one in clearances]
+    # A few poses at a time, since most paths end before the last ones.
+    for begin in range(0, paths.x.shape[1] - 1, _BLOCK):
+        rows = np.flatnonzero(np.isinf(result).any(axis=0))
+        if not rows.size:
+            break
+        x, y, yaw = (column[rows, begin : begin + _BLOCK + 1, None] for column in paths)
+        # Points in the frame of the car at each pose: how far they are outside of the ends and of the sides of the box.
+        cosine, sine, dx, dy = np.cos(yaw), np.sin(yaw), points[:, 0] - x, points[:, 1] - y
+        ahead, beside = cosine * dx + sine * dy, np.abs(cosine * dy - sine * dx)
+        end = np.maximum(rear - ahead, ahead - front)
+        for way, width in zip(result, kept, strict=True):
+            inside = (end < 0.0) & (beside < width)
+            hit = inside.any(axis=2)
+            blocked = np.flatnonzero(hit.any(axis=1) & np.isinf(way[rows]))
+            first = np.argmax(hit[blocked], axis=1)
+            last = np.maximum(first - 1, 0)
+            # Between the last free pose and the next one, a point is inside when both distances have become negative.
+            distances = (end, beside - width)
+            shares = [_crossing(one[blocked, last], one[blocked, first]) for one in distances]
+            way[rows[blocked]] = begin + last + np.maximum(*shares).min(axis=1)
+    return result
+
+
+def _crossing(before: Array, after: Array) -> Array:
+    """Return the share of a step after which distances become negative; infinite if they do not."""
+    before = np.maximum(before, 0.0)
+    return np.where(after < 0.0, before / (before - np.minimum(after, -1e-9)), np.inf)
 
 
 class StraightAndAvoidSpec(BehaviourDriver):
