@@ -71,13 +71,14 @@ def test_the_table_counts_coverage_and_wrong_decisions():
     )
     fitted = Row(
         seed=0, kind="linear", fault="none", knowledge="all", manoeuvres=[], status="fitted", message="", seconds=1.0,
-        parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, found=[], held_out=90.0,
-        noise_limit=95.0, baseline=95.0, notes=[],
+        parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, limited=True, excluded=["vy"],
+        found=[], held_out=90.0, noise_limit=95.0, baseline=95.0, notes=[],
     )  # fmt: skip
     rejected = fitted.copy()
     rejected["seed"], rejected["status"], rejected["parameters"] = 1, "rejected", []
     table = make_table([fitted, rejected])
     assert "| coverage, identified | 50 % (1 of 2) | 90 to 99 % |" in table
+    assert "excludes the truth | 100 % (1 of 1) | 5 % |" in table
     assert "| false identified | 50 % (1 of 2) |" in table
     assert "| false delays | 100 % (1 of 1) | 2 % |" in table
     assert "| false rejections | 50 % (1 of 2) | 1 % |" in table

@@ -141,18 +141,21 @@ def test_models_that_predict_as_well_within_a_standard_error_count_as_uncertaint
     assert between_structures(solution, ()) == 0.0
 
 
-def test_an_output_with_a_memory_of_its_residuals_gets_less_weight():
+@pytest.mark.parametrize("shared", [True, False])
+def test_the_memory_that_all_residuals_share_enlarges_all_noise_alike(shared):
     """An autoregression of first order φ counts for (1 - φ²) / (1 + φ²) of its samples (Bartlett)."""
     random, memory = np.random.default_rng(0), 0.9
     white = random.normal(size=(2, 100_000))
-    white[1] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[1])
+    for k in range(2) if shared else (1,):
+        white[k] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[k])
     problem: Any = SimpleNamespace(
         traces=lambda _: [white], model=SimpleNamespace(outputs=("yaw_rate", "vy")), _measured=[np.zeros_like(white)],
         masks=[np.ones_like(white, dtype=bool)],
     )  # fmt: skip
     noise = Problem.spread(problem, np.zeros(0))
-    assert noise["yaw_rate"] == pytest.approx(1.0, rel=0.02)
-    assert noise["vy"] == pytest.approx(((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5, rel=0.05)
+    expected = ((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5 if shared else 1.0
+    assert noise["yaw_rate"] == pytest.approx(expected, rel=0.05)
+    assert noise["vy"] == pytest.approx(expected, rel=0.05)
 
 
 def weave(seed, late):

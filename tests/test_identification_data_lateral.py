@@ -51,6 +51,12 @@ def test_a_channel_without_delay_is_unchanged_wherever_the_accelerometer_is(seed
     assert delays.arm == pytest.approx(ahead, abs=0.1)
     report = checked(drive(seed, ahead=ahead))
     assert not [finding for finding in report.of("delay") if finding.repair]
+    # The interval that the logs leave for a delay is stated, and contains the truth.
+    limits = report.of("delay_limit")
+    assert [finding.channels[0] for finding in limits] == ["lateral_acceleration", "vy"]
+    for finding in limits:
+        assert float(finding.what.figures["low"]) - 1e-3 < 0.0 < float(finding.what.figures["high"]) + 1e-3
+        assert finding.value < 0.03
 
 
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])

@@ -345,6 +345,9 @@ def test_load_transfer_is_fitted_where_the_logs_support_it(height):
         assert structure.start is not None
         assert structure.start.values["load_transfer"] == pytest.approx(height, rel=0.05)
         assert structure.start.values["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
+        # The noise is that of the sensors, not the misfit of the model without the effect.
+        for sigma in structure.start.problem.sigmas.values():
+            assert sigma == pytest.approx(0.01, rel=0.1)
 
 
 @pytest.mark.parametrize("drive", [0.0, 1.0])

@@ -67,6 +67,8 @@ class Row(TypedDict):
     false_repairs: list[str]
     false_delays: list[str]
     missed: bool
+    limited: bool
+    excluded: list[str]
     found: list[str]
     held_out: float | None
     noise_limit: float | None
@@ -125,6 +127,18 @@ def false_delays(case: Case, check: DataReport) -> tuple[list[str], bool]:
     return wrong, missed
 
 
+def excluded_delays(case: Case, check: DataReport) -> list[str]:
+    """Return the channels without a found delay whose stated interval does not contain their true delay."""
+    away = {name: case.late.get(name, 0.0) - case.late.get("yaw_rate", 0.0) for name in case.sensors.channels}
+    excluded = set()
+    for finding in check.findings:
+        if finding.check == "delay_limit":
+            low, high = (float(finding.what.figures[end]) for end in ("low", "high"))
+            if not low - SMALL_DELAY <= away[finding.channels[0]] <= high + SMALL_DELAY:
+                excluded.add(finding.channels[0])
+    return sorted(excluded)
+
+
 def held_out_fit(fit: Fit) -> tuple[float | None, float | None]:
     """Return the NRMSE fit of the yaw rate of the validation log and what its noise allows [%].
 
@@ -146,7 +160,8 @@ def run_case(seed: int) -> Row:
     row: Row = {
         "seed": seed, "kind": case.vehicle.kind, "fault": case.fault, "knowledge": case.knowledge,
         "manoeuvres": list(case.manoeuvres), "status": "fitted", "message": "", "seconds": 0.0, "parameters": [],
-        "false_repairs": [], "false_delays": [], "missed": False, "found": [], "held_out": None, "noise_limit": None,
+        "false_repairs": [], "false_delays": [], "missed": False, "limited": False, "excluded": [],
+        "found": [], "held_out": None, "noise_limit": None,
         "baseline": None, "notes": [],
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as directory:
@@ -177,6 +192,8 @@ def run_case(seed: int) -> Row:
         _row(parameter, truth[parameter.name]) for parameter in result.fit.parameters if parameter.name in truth
     ]
     row["false_delays"], missed_delay = false_delays(case, result.check)
+    row["limited"] = any(finding.check == "delay_limit" for finding in result.check.findings)
+    row["excluded"] = excluded_delays(case, result.check)
     repaired = [finding for finding in result.check.findings if finding.done is not None and finding.check != "delay"]
     row["false_repairs"] = sorted(
         {

@@ -83,7 +83,10 @@ def make_table(rows: Sequence["Row"]) -> str:
     add("false repairs", _share(sum(bool(row["false_repairs"]) for row in checked), len(checked)), "2 %")
     add("false rejections", _share(sum(row["status"] == "rejected" for row in clean), len(clean)), "1 %")
     late = [row for row in fitted if row["fault"] == "late"]
-    add("delays missed", _share(sum(row["missed"] for row in late), len(late)), "")
+    add("delays not found", _share(sum(row["missed"] for row in late), len(late)), "")
+    limited = [row for row in checked if row["limited"]]
+    add("interval of a delay that is not found excludes the truth",
+        _share(sum(bool(row["excluded"]) for row in limited), len(limited)), "5 %")  # fmt: skip
     add("wrong signs and units missed", _share(sum(row["status"] == "fitted" for row in wrong), len(wrong)), "0")
     turned = [row for row in driven if row["fault"] == "vy_sign"]
     missed = sum(row["status"] == "fitted" and row["missed"] for row in turned)

@@ -251,8 +251,16 @@ def _lateral_findings(
         ("vy", lateral.velocity, "lateral_acceleration"),
     )
     for index, (channel, delay, other) in enumerate(delays):
-        if not delay or channel in of_source:
+        if channel in of_source:
             # A delay that a common source explains is reported there, once.
+            continue
+        if not delay:
+            if (ends := lateral.limits[index]) is not None:
+                # A delay that is not found may still be there.
+                low, high = ends
+                text = statement("no_delay", channel=channel, low=low, high=high)
+                largest = max(abs(low), abs(high))
+                findings.append(Finding("", "delay_limit", f"{channel}, yaw_rate", "info", largest, "s", text))
             continue
         speed = evidence.forward if channel == "vy" and lateral.together else ""
         text = statement(

@@ -174,6 +174,10 @@ FINDINGS: dict[str, Text] = {
     ),
     "relative_delay": _relative_delay,
     "ambiguous_delay": _ambiguous_delay,
+    "no_delay": lambda f: (
+        f"no delay of {f['channel']} against yaw_rate is found; the logs determine it to "
+        f"{1e3 * float(f['low']):.3g} to {1e3 * float(f['high']):.3g} ms"
+    ),
     "accelerometer_position": _accelerometer_position,
     "common_source": lambda f: (
         f"{f['channel']} changes on the same rows as channels with a delay of "

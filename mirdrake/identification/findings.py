@@ -14,7 +14,7 @@ Verdict = Literal["good", "weak", "none"]
 Check = Literal[
     "file", "timestamps", "first_rows", "gaps", "missing", "held_values", "glitches", "quantisation", "saturation",
     "range", "codes", "sample_time", "kinematics", "units", "gravity", "bias", "sensor_position", "delay",
-    "clock_drift", "response",
+    "delay_limit", "clock_drift", "response",
 ]  # fmt: skip
 
 

@@ -101,6 +101,9 @@ class LateralDelays(NamedTuple):
         evidence: twice the logarithm of the odds for the delay; 0 without one.
         effective: number of independent samples of the residual.
         against: Wald's statistic against each of LATE, if both delays are free.
+        deviation: standard deviation of the delay, with that by scale and roll of the acceleration [s].
+        limits: 95 % intervals of a delay of the lateral acceleration alone and of vy alone [s], where none is found; None
+            where the logs do not determine it.
     """
 
     acceleration: float
@@ -115,6 +118,8 @@ class LateralDelays(NamedTuple):
     evidence: float
     effective: float
     against: tuple[float, ...] = ()
+    deviation: float = 0.0
+    limits: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
 
 
 def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = None) -> LateralDelays | None:
@@ -132,7 +137,9 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
         return None
     # Of one clock that differs, the one whose restriction contradicts the joint estimates least (Wald's test).
     order = range(len(LATE)) if joint is None else np.argsort(joint.against)
-    estimates = [estimate for index in order if (estimate := logs.estimate_best(LATE[index])) is not None]
+    late = [logs.estimate_best(hypothesis) for hypothesis in LATE]
+    estimates = [estimate for index in order if (estimate := late[index]) is not None]
+    plain = plain._replace(limits=(_interval(late[0]), _interval(late[1])))
     best = (
         max(estimates, key=lambda estimate: estimate.evidence)
         if estimates and joint is None
@@ -152,6 +159,14 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
         return best
     gain = 2.0 * both.effective * float(np.log(best.residual / max(both.residual, 1e-300)))
     return both if together or gain > required_gain(both.effective, 1.0) else best
+
+
+def _interval(estimate: LateralDelays | None) -> tuple[float, float] | None:
+    """Return the 95 % interval of the delay of one channel [s]."""
+    if estimate is None:
+        return None
+    delay, width = estimate.acceleration or estimate.velocity, 1.96 * estimate.deviation
+    return delay - width, delay + width
 
 
 def _explains(hypothesis: Hypothesis, logs: "_LogSet") -> bool:
@@ -246,7 +261,7 @@ class _LogSet:
         late = [0, 0 if free.of_yaw_rate else 1]
         delays = [float(unknown[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
         sigmas = [float(sigma[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
-        evidence, effective = 0.0, effective_samples(rest)
+        evidence, effective, variance = 0.0, effective_samples(rest), 0.0
         against: tuple[float, ...] = ()
         if free.apart:
             apart = spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1]
@@ -262,7 +277,7 @@ class _LogSet:
             evidence = delay**2 / variance - required_gain(effective, odds)
         return LateralDelays(
             delays[0], delays[1], (sigmas[0], sigmas[1]), float(unknown[2]), float(sigma[2]), correlation, free.speed,
-            width, float(np.std(rest)), evidence, effective, against,
+            width, float(np.std(rest)), evidence, effective, against, float(np.sqrt(variance)),
         )  # fmt: skip
 
 

@@ -263,8 +263,8 @@ class Problem:
     def spread(self, z: Array) -> dict[str, float]:
         """Return the noise of the outputs [unit]: the root mean square of the residuals, with outliers limited.
 
-        Residuals with a memory count as fewer samples, so their output gets a larger noise, relative to the output with
-        the least memory: an effect that the model lacks in one output must not distort the fit of the others.
+        Residuals with a memory count as fewer samples. The memory that all outputs share is that of the noise; it
+        enlarges all alike, so that noise does not outweigh what is usual for a vehicle.
         """
         traces, spread, memory = self.traces(z), {}, {}
         for i, name in enumerate(self.model.outputs):
@@ -277,8 +277,8 @@ class Problem:
             off = np.clip(off, -cutoff, cutoff)
             spread[name] = float(np.sqrt(np.mean(off**2))) or 1e-9
             memory[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
-        least = min(memory.values())
-        return {name: value * float(np.sqrt(memory[name] / least)) for name, value in spread.items()}
+        shared = float(np.sqrt(min(memory.values())))
+        return {name: value * shared for name, value in spread.items()}
 
 
 def is_continuation(segment: Segment, other: Segment) -> bool:

@@ -1,7 +1,7 @@
 """Structure search: which effects a model needs, where a study leaves them open.
 
 The plain model is fitted first, then each addition of :meth:`Model.additions` in turn, starting from the best fit so
-far and with the noise of the first one. An addition is kept if its values are plausible and if it predicts parts of the
+far and with its noise. An addition is kept if its values are plausible and if it predicts parts of the
 logs better that it was not fitted to (:func:`~mirdrake.identification.estimators.consistency.cross_validate`), by
 more than the standard error over the parts allows for chance (M. Stone, Cross-validatory choice, J. R. Statist. Soc. B
 36, 1974; the rule of standard errors is that of L. Breiman and others, Classification and Regression Trees, 1984).
@@ -107,8 +107,12 @@ def choose_structure(
                 # Only the additions that are still there keep their note.
                 gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
                 gains[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
-                accepted, costs = additions, own
-                best, best_fit = _with_additions(model, settings, additions), minimum
+                accepted, best = additions, _with_additions(model, settings, additions)
+                # The noise of a model that lacks the effect would hide further ones in the same output.
+                problem = replace(minimum.problem, sigmas=minimum.problem.spread(minimum.z))
+                best_fit = minimise(problem, few, minimum.z, close=1e-4)
+                costs = cross_validate(best_fit, options.loss)
+                tried = [(best_fit, costs)]
                 break
         else:
             break
@@ -244,7 +248,7 @@ def _minimise(
     model = make_model(structure.model, data, known_values(structure.settings))
     drives, _ = make_segments(model, data.train, options.shooting)
     unknowns = resolve_parameters(model.parameters, structure.settings)
-    # The noise of the first structure serves all others, so that their costs can be compared.
+    # The noise of the best structure so far serves all others, so that their costs can be compared.
     noise = initial_noise(model, drives) if first is None else first.problem.sigmas
     problem = Problem(model, drives, unknowns, noise, options.offsets, options.continuity)
     if first is None:

@@ -424,7 +424,7 @@ class SingleTrackModel(CompiledModel):
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),
             "accelerometer_tilt": (-0.5, 2.5),
-            **dict.fromkeys(_DELAY_PARAMETERS.values(), (-0.06, 0.06)),
+            **dict.fromkeys(_DELAY_PARAMETERS.values(), (-0.16, 0.16)),
             **dict.fromkeys(("velocity_height", "accelerometer_height"), (-0.5 * (a + b), a + b)),
             **dict.fromkeys(self._lengths, (0.02 * (a + b), 0.5 * (a + b))),
         }

@@ -158,7 +158,7 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
                   "vy" in outputs, 0.2 * length, usual=1.5),
     ]  # fmt: skip
     parameters += [
-        Parameter(name, "s", f"delay of the measured {words} against the yaw rate", 0.0, -0.1, 0.1, scale=0.01,
+        Parameter(name, "s", f"delay of the measured {words} against the yaw rate", 0.0, -0.2, 0.2, scale=0.01,
                   usual=2.0)
         for channel, name, words in DELAYS
         if channel in outputs
