@@ -71,8 +71,8 @@ def test_the_table_counts_coverage_and_wrong_decisions():
     )
     fitted = Row(
         seed=0, kind="linear", fault="none", knowledge="all", manoeuvres=[], status="fitted", message="", seconds=1.0,
-        parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, limited=True, excluded=["vy"],
-        found=[], held_out=90.0, noise_limit=95.0, baseline=95.0, notes=[],
+        parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, limited=True,
+        excluded=["vy"], found=[], held_out=90.0, noise_limit=95.0, baseline=95.0, notes=[],
     )  # fmt: skip
     rejected = fitted.copy()
     rejected["seed"], rejected["status"], rejected["parameters"] = 1, "rejected", []

@@ -102,8 +102,8 @@ class LateralDelays(NamedTuple):
         effective: number of independent samples of the residual.
         against: Wald's statistic against each of LATE, if both delays are free.
         deviation: standard deviation of the delay, with that by scale and roll of the acceleration [s].
-        limits: 95 % intervals of a delay of the lateral acceleration alone and of vy alone [s], where none is found; None
-            where the logs do not determine it.
+        limits: 95 % intervals of a delay of the lateral acceleration alone and of vy alone [s], where none is found;
+            None where the logs do not determine it.
     """
 
     acceleration: float
