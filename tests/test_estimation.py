@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,11 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.estimation import FilterBank, FilterSpec
 from mirdrake.estimation.kernel import triangularise
 from mirdrake.estimation.system import OnlineFilter
+from mirdrake.estimation.tyre_laws import friction_difference
 from mirdrake.identification import load_data
 from mirdrake.identification.filter_log import filter_log
 from mirdrake.single_track import linearize_single_track
-from mirdrake.single_track.dynamics import Variant
+from mirdrake.single_track.dynamics import Variant, lateral_forces
 from tests.batch_rigs import CAR
 
 PERIOD = 0.02
@@ -365,6 +367,20 @@ def test_a_log_is_filtered_by_its_channels(tmp_path, capsys):
     assert code in (0, 1)
     assert "front_stiffness" in capsys.readouterr().out
     assert len(pd.read_csv(out)) == len(seen)
+
+
+@pytest.mark.parametrize("use", [0.2, 0.6, 1.2])
+def test_another_tyre_law_explains_the_same_force_by_another_friction(use):
+    """Linear force and limit of 1: the Magic Formula has the force of the brush at a limit that is smaller by d."""
+    shape, curvature = 1.193, -1.003
+    shaped = replace(CAR, front_shape=shape, front_curvature=curvature)
+    brush, magic = lateral_forces()["brush"], lateral_forces()["magic_formula"]
+    less = float(np.exp(-friction_difference("brush", np.array([use]), shaped)[0]))
+    assert magic(use, 1.0, less, shape, curvature) == pytest.approx(brush(use, 1.0, 1.0, 1.3, 0.0), rel=2e-3)
+    more = float(np.exp(friction_difference("magic_formula", np.array([use]), shaped)[0]))
+    assert brush(use, 1.0, more, 1.3, 0.0) == pytest.approx(magic(use, 1.0, 1.0, shape, curvature), rel=2e-3)
+    assert friction_difference("linear", np.array([use]), shaped) == 0.0
+    assert friction_difference("brush", np.array([4.0]), shaped) < 0.01  # sliding tyres show their limit
 
 
 @pytest.mark.slow

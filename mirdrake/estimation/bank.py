@@ -13,7 +13,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.estimation.estimates import Estimates
-from mirdrake.estimation.layout import make_group, process_noise, sensor_noise, start_size, unit_of
+from mirdrake.estimation.layout import Group, drift_of, make_group, process_noise, sensor_noise, start_size, unit_of
 from mirdrake.estimation.spec import (
     ACCELERATIONS,
     GROUPS,
@@ -21,6 +21,7 @@ from mirdrake.estimation.spec import (
     FilterSpec,
     HypothesisSpec,
 )
+from mirdrake.estimation.tyre_laws import AXLES, friction_difference, uses_of
 from mirdrake.single_track.dynamics import Inputs, Variant, record_of
 from mirdrake.single_track.parameters import PARAMETERS, POSITIVE, SingleTrackParameters
 
@@ -95,6 +96,7 @@ class FilterBank:
                 raise ConfigError(f"filter bank: no state '{name}'; {did_you_mean(name, known)}")
         self.weights, self.time = self._priors.copy(), -self.spec.period
         self._unknown = {*BEGINNING} - {*states}
+        self._uses = {(i, name): 0.0 for i in range(len(self.filters)) for name in self.names if name in AXLES}
         for group in self._groups:
             memory = group.memory
             for field in memory:
@@ -164,6 +166,10 @@ class FilterBank:
             places = np.ix_(group.filters, np.arange(samples), columns)
             slow = np.array([name in self.spec.estimate or name.endswith("_bias") for name in group.names])
             means[places], deviations[places] = mean, np.where(slow, INTERVAL_FACTOR, 1.0) * np.sqrt(variance)
+            for row, i in enumerate(group.filters.tolist()):
+                for name, more in self._law_deviations(group, i, mean[row], variance[row]).items():
+                    column = self.names.index(name)
+                    deviations[i, :, column] = np.hypot(deviations[i, :, column], more)
             likelihoods[group.filters], checks[group.filters] = likelihood, check
         before = round(self.time / self.spec.period) + 1
         time = self.time + self.spec.period * np.arange(1, samples + 1)
@@ -174,6 +180,31 @@ class FilterBank:
             weights, likelihoods, checks, self._window(), before,
         )  # fmt: skip
 
+    def _law_deviations(self, group: Group, i: int, mean: Floats, variance: Floats) -> dict[str, Floats]:
+        """Return the deviations by the tyre law (t) of the frictions that a filter estimates.
+
+        Args:
+            group: of the filter.
+            i: its place in the bank.
+            mean: its means (t, names).
+            variance: their variances (t, names).
+        """
+        elements = [name for name in group.names if name in AXLES]
+        uses = uses_of(group.names, mean, self.parameters[i]) if elements else {}
+        deviations_by_law = {}
+        for name in elements:
+            use = np.maximum.reduce([uses[axle] for axle in AXLES[name]])
+            # The hardest use so far tells most about the limit; NaN after a divergence is not one.
+            use = np.maximum.accumulate(np.maximum(np.nan_to_num(use, posinf=0.0), self._uses.get((i, name), 0.0)))
+            self._uses[i, name] = float(use[-1])
+            time = self.time + self.spec.period * np.arange(1, len(use) + 1)
+            prior = self.spec.estimate[name].sigma ** 2 + drift_of(self.spec, name) ** 2 * time
+            column = group.names.index(name)
+            learned = np.clip(1.0 - variance[:, column] / prior, 0.0, 1.0)
+            difference = friction_difference(group.variant.tyres, use, self.parameters[i])
+            deviations_by_law[name] = np.maximum(learned * difference, np.minimum(difference, np.abs(mean[:, column])))
+        return deviations_by_law
+
     @property
     def signals(self) -> tuple[Signal, ...]:
         """Name and unit of each estimated quantity."""
@@ -183,7 +214,8 @@ class FilterBank:
     def memory(self) -> Floats:
         """The state of all filters as a vector; can be assigned."""
         fields = [field.ravel() for group in self._groups for field in group.memory]
-        return np.concatenate([*fields, self.weights, [self.time], [name in self._unknown for name in BEGINNING]])
+        unknown = [name in self._unknown for name in BEGINNING]
+        return np.concatenate([*fields, self.weights, [self.time], unknown, [*self._uses.values()]])
 
     @memory.setter
     def memory(self, vector: Floats) -> None:
@@ -193,8 +225,9 @@ class FilterBank:
                 field[...] = vector[place : place + field.size].reshape(field.shape)
                 place += field.size
         self.weights = np.array(vector[place : place + len(self.filters)])
-        self.time, *unknown = vector[place + len(self.filters) :].tolist()
-        self._unknown = {name for name, flag in zip(BEGINNING, unknown, strict=True) if flag}
+        self.time, *rest = vector[place + len(self.filters) :].tolist()
+        self._unknown = {name for name, flag in zip(BEGINNING, rest, strict=False) if flag}
+        self._uses = dict(zip(self._uses, rest[len(BEGINNING) :], strict=True))
 
     @property
     def noise(self) -> Floats:

@@ -162,13 +162,14 @@ def process_noise(spec: FilterSpec, names: Sequence[str], sizes: Sequence[float]
         elif name in ACCELERATIONS:
             variances.append(size**2 * (1.0 - exp(-2.0 * spec.period / _correlation_time(spec, name, wheelbase))))
         else:
-            variances.append(_drift(spec, name) ** 2 * spec.period)
+            variances.append(drift_of(spec, name) ** 2 * spec.period)
     # The acceleration of the steering, constant within a period.
     density = spec.steering_acceleration or STEERING_ACCELERATION * (_CAR / wheelbase) ** 0.75
     return np.array([*variances, density**2 / spec.period])
 
 
-def _drift(spec: FilterSpec, name: str) -> float:
+def drift_of(spec: FilterSpec, name: str) -> float:
+    """Return the standard deviation of the change of an element of z in a second; 0 if it does not drift."""
     if name not in spec.estimate:
         return 0.0
     given = spec.estimate[name]
