@@ -241,7 +241,7 @@ def test_bolt_brakes_and_accelerates_like_the_real_car(tmp_path, capsys):
     only = "time_to_speed,time_to_distance,speed_at_distance,braking_distance"
     out = tmp_path / "out"
     assert main(["validate", "bolt", "--only", only, "--out", str(out)]) == 0
-    assert "2 of 2 predicted figures within 3 % (calibrated 4 of 4, input 1 of 1)" in capsys.readouterr().out
+    assert "4 of 4 predicted figures within 3 % (calibrated 4 of 4, input 1 of 1)" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert results["vehicle"] == "bolt@handling"
     stop = next(figure for figure in results["figures"] if figure["text"] == "60 mph to standstill")
