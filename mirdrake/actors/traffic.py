@@ -114,6 +114,11 @@ class Traffic(LeafSystem):
         self._all = len(start)
         numbers, claims = start.view(float), self._step.claims()
         self._ways, self._claims = crew.ways, claims.view(float).size
+        # Copy of the state, with a record view of it: making such a view takes longer than the copy.
+        self._copy = np.empty(2 * numbers.size)
+        self._before, self._after = self._copy.view(STATE).reshape(2, self._all)
+        self._next = np.empty_like(self._after)
+        self._next_numbers = self._next.view(float)
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
         # The first update is at t = -PERIOD, formally: until the one at t = 0, outputs are those of the end, the start.
         self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], claims.view(float), numbers, numbers)))
@@ -168,7 +173,8 @@ class Traffic(LeafSystem):
     def _rows(self, context: Context) -> tuple[float, Records, Records]:
         """Return the time of the last update [s], and the states then and 20 ms later (n)."""
         values = context.get_discrete_state(self._state).value()
-        return float(values[0]), *values[1 + self._claims :].view(STATE).reshape(2, self._all)
+        self._copy[:] = values[1 + self._claims :]
+        return float(values[0]), self._before, self._after
 
     def _claims_of(self, context: Context) -> Records:
         """Return the claims at the last update (n + m)."""
@@ -178,8 +184,7 @@ class Traffic(LeafSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         _, _, now = self._rows(context)
         vehicles = self._bodies.planar(self.plant_state.Eval(context))
-        now = now.copy()  # a view of the Context is read-only, for which the time step would be compiled once more
-        after = np.empty_like(now)
+        after = self._next
         time = context.get_time()
         # The last prediction becomes the present state; only the state 20 ms later is computed.
         claims = self._claims_of(context).copy()
@@ -187,7 +192,10 @@ class Traffic(LeafSystem):
         if self._solid.size:
             # A joint must not turn around where the yaw of a lane begins again.
             after["yaw"] -= 2.0 * np.pi * np.round((after["yaw"] - now["yaw"]) / (2.0 * np.pi))
-        state.set_value(self._state, np.concatenate(([time], claims.view(float), now.view(float), after.view(float))))
+        state.set_value(
+            self._state,
+            np.concatenate(([time], claims.view(float), self._copy[self._copy.size // 2 :], self._next_numbers)),
+        )
 
     def _planar(self, context: Context, share: float | None = None) -> Array:
         """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""

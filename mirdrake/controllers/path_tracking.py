@@ -253,7 +253,7 @@ class PathTracker(LeafSystem):
             state.slip,
             bool(state.started),
         )
-        speed = self._limited(context, values, speed, vx)
+        speed = self._limited(context, values, speed, vx, gains, state)
         covered = 0.0
         if state.started:
             covered = place.s - state.progress
@@ -264,7 +264,15 @@ class PathTracker(LeafSystem):
         values.set_value(self._error, error)
         values.set_value(self._past, [state.started, slip])
 
-    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:  # noqa: ARG002
+    def _limited(
+        self,
+        context: Context,  # noqa: ARG002
+        values: DiscreteValues,  # noqa: ARG002
+        speed: float,
+        vx: float,  # noqa: ARG002
+        gains: PathGains,  # noqa: ARG002
+        state: PathState,  # noqa: ARG002
+    ) -> float:
         """Return the speed to command [m/s]; a driver that regards traffic makes it smaller than that on a free road.
 
         Args:
@@ -272,6 +280,8 @@ class PathTracker(LeafSystem):
             values: next discrete state.
             speed: speed on a free road [m/s].
             vx: present speed of the vehicle [m/s].
+            gains: gains and speed set-point.
+            state: state at the last step.
         """
         return speed
 

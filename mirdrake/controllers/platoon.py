@@ -23,7 +23,7 @@ from mirdrake.controllers.ackermann import SteeringGeometry
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.drivable_line import Track
 from mirdrake.controllers.driver import DrivenWorld
-from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
+from mirdrake.controllers.path_tracking import PathGains, PathState, PathTracker, PathTrackingSpec
 from mirdrake.controllers.traffic_driver import LAG, LEAD
 from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError
@@ -93,15 +93,18 @@ class PlatoonDriver(PathTracker):
         # u, speed of the vehicle ahead and own speed one step before, number of the step, messages on their way
         self._memory = self.DeclareDiscreteState(np.concatenate(([0.0, np.nan, np.nan, 0.0], np.zeros(messages))))
 
-    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:
+    def _limited(
+        self, context: Context, values: DiscreteValues, speed: float, vx: float, gains: PathGains, state: PathState
+    ) -> float:
+        del gains  # the set-point of the speed has been regarded already
         gap, lead, _, _ = self.road_ahead.Eval(context).tolist()
-        spec, before = self._spec, self._read(context)
+        spec = self._spec
         memory = context.get_discrete_state(self._memory).value().copy()
         # Free road: NaN marks that there is no earlier speed to differentiate.
         if gap > spec.range:
             values.set_value(self._memory, np.concatenate(([0.0, np.nan, np.nan, memory[3] + 1.0], 0.0 * memory[4:])))
             return speed
-        gains = {"kp": spec.kp, "kd": spec.kd, "time_gap": spec.time_gap, "standstill": spec.standstill}
+        law = {"kp": spec.kp, "kd": spec.kd, "time_gap": spec.time_gap, "standstill": spec.standstill}
         if isinstance(spec, CaccSpec):
             known = np.isfinite(memory[1])
             message = (lead - memory[1]) / self.period if known else 0.0
@@ -110,14 +113,14 @@ class PlatoonDriver(PathTracker):
             if spec.is_lost(int(memory[3])):
                 message = memory[4]
             queue = np.concatenate(([message], memory[4:-1]))
-            u = cacc_step(memory[0], gap, lead, vx, own, queue[-1], self.period, **gains)
+            u = cacc_step(memory[0], gap, lead, vx, own, queue[-1], self.period, **law)
             memory[4:] = queue
         else:
-            u = acc(gap, lead, vx, **gains)
+            u = acc(gap, lead, vx, **law)
         u = max(-spec.braking_limit, min(u, self.limits.acceleration))
         values.set_value(self._memory, np.concatenate(([u, lead, vx, memory[3] + 1.0], memory[4:])))
         # The command integrates u, but stays near the measured speed: an integral away from it would wind up.
-        last = before.speed if before.started else vx
+        last = state.speed if state.started else vx
         return max(0.0, min(speed, max(vx - LAG, min(last + u * self.period, vx + LEAD))))
 
 

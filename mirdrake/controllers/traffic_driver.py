@@ -12,7 +12,7 @@ from mirdrake.controllers.ackermann import SteeringGeometry
 from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
 from mirdrake.controllers.drivable_line import Track
 from mirdrake.controllers.driver import Reaction
-from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
+from mirdrake.controllers.path_tracking import PathGains, PathState, PathTracker, PathTrackingSpec
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.yaml_io import Acceleration, Duration, Length
 from mirdrake.worlds.lights import AMBER, GREEN
@@ -50,10 +50,12 @@ class TrafficDriver(PathTracker):
         # The decision, and the distance of the line that it is about [m].
         self._decision = self.DeclareDiscreteState([_UNDECIDED, math.inf])
 
-    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:
+    def _limited(
+        self, context: Context, values: DiscreteValues, speed: float, vx: float, gains: PathGains, state: PathState
+    ) -> float:
         gap, other, line, light = self.road_ahead.Eval(context).tolist()
-        spec, gains, before = self._spec, self.get_gains(context), self._read(context)
-        last = before.speed if before.started else vx
+        spec = self._spec
+        last = state.speed if state.started else vx
         a = idm(self._numbers, max(vx, 0.0), gains.speed, gap, other)  # type: ignore[arg-type]
         a = max(-spec.braking_limit, min(a, self.limits.acceleration))
         # The command integrates the acceleration of the model, but stays near the measured speed.
