@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.identification import DataSet, Log
-from mirdrake.runs.telemetry import vehicle_states
+from mirdrake.sensors.ground_truth import vehicle_state
 
 CARGO = ((160.0, (3.3, 0.0, 0.6)), (190.0, (-0.7, 0.0, 0.6)))
 """Point masses in the nose and in the boot: mass [kg], place in the vehicle frame [m]."""
@@ -85,7 +85,7 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
     x, time = np.array(tap.data()), np.array(tap.sample_times())
     status = np.array(assembly.taps["ego.powertrain_status"].sink.FindLog(context).data())
     positions = plant.num_positions()
-    state = vehicle_states(
+    state = vehicle_state(
         x[part.base.floating_positions_start() :][:7],
         x[positions + part.base.floating_velocities_start_in_v() :][:6],
     )

@@ -17,7 +17,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.plant.suspension import make_axle_forces, make_bump_stops
 from mirdrake.plant.wheels import WheelReadings
-from mirdrake.runs.telemetry import vehicle_states
+from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.spec import ControlSpec, VariantSpec, VehicleSpec
@@ -100,7 +100,7 @@ class PushedCar:
         """Return times [s], height of the vehicle frame [m], pitch and roll [rad] of the log."""
         log = self.log.FindLog(self.simulator.get_context())
         start = self.part.base.floating_positions_start()
-        states = vehicle_states(log.data()[start : start + 7], np.zeros((6, log.num_samples())))
+        states = vehicle_state(log.data()[start : start + 7], np.zeros((6, log.num_samples())))
         return log.sample_times(), states[2], states[4], states[3]
 
 

@@ -11,8 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 import mirdrake as mir
 from mirdrake.core.errors import ModelError
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
-from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.sensors.ground_truth import GroundTruth
+from mirdrake.sensors.ground_truth import GroundTruth, vehicle_state
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 
@@ -110,7 +109,7 @@ def test_ground_truth_equals_the_state_of_the_plant(parked):
 
     x = plant.GetPositionsAndVelocities(context)[:, None]
     twist = x[plant.num_positions() + part.base.floating_velocities_start_in_v() :][:6]
-    assert vehicle_states(x[start : start + 7], twist)[:, 0] == pytest.approx(expected, abs=1e-12)
+    assert np.ravel(vehicle_state(x[start : start + 7], twist)) == pytest.approx(expected, abs=1e-12)
 
 
 def test_ground_truth_on_a_track_gives_offset_heading_error_and_progress():

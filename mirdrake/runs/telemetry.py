@@ -4,8 +4,6 @@ Only raw vectors are logged during a simulation. Derived signals, such as roll a
 track, are computed here for a whole block of samples at once.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
@@ -13,6 +11,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import Assembly, Tap
 from mirdrake.core.vectors import STATE
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.vehicles import WHEELS
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.worlds import World
@@ -71,7 +70,7 @@ class Telemetry:
         # Poses of props: no velocities are recorded, so zeros stand in and only the first six signals are kept.
         for name, body in assembly.parts.props.bodies.items():
             pose = raw["plant_state"][body.floating_positions_start() :][:7]
-            for signal, values in zip(STATE[:6], vehicle_states(pose, np.zeros((6, times.size))), strict=False):
+            for signal, values in zip(STATE[:6], vehicle_state(pose, np.zeros((6, times.size))), strict=False):
                 self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
         if "actors" in assembly.taps:
             self._add_named(columns, assembly.taps["actors"], raw["actors"], prefix="actors")
@@ -119,7 +118,7 @@ class Telemetry:
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7]
         twist = x[positions + part.base.floating_velocities_start_in_v() :][:6]
-        state = vehicle_states(pose, twist)
+        state = np.array(vehicle_state(pose, twist))
         for signal, values in zip(STATE, state, strict=True):
             self._put(columns, f"{name}.{signal.name}", values, signal.unit)
         for side, joint in zip(("left", "right"), part.steering, strict=True):
@@ -231,31 +230,3 @@ def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array
             near, lateral[i] = track.project(float(x[i]), float(y[i]), near=near)
             s[i] = near
     return s, lateral
-
-
-def vehicle_states(pose: Array, twist: Array) -> Array:
-    """Return the state vectors of a floating body; see :func:`mirdrake.sensors.ground_truth.vehicle_state`.
-
-    Args:
-        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7 x n).
-        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6 x n).
-
-    Returns:
-        12 x n in the order of :data:`mirdrake.core.vectors.STATE`.
-    """
-    w, i, j, k = pose[:4] / np.linalg.norm(pose[:4], axis=0)  # the norm drifts in Drake
-    x, y, z = pose[4:]
-    w_W, v_W = twist[:3], twist[3:]
-    R: Any = np.array(
-        [
-            [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
-            [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
-            [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
-        ]
-    )
-    # Clipped, because rounding may push the sine slightly beyond 1, where arcsin returns NaN.
-    roll, pitch = np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    # v_B = R_WB^T v_W: "abn,an" sums over the first index, which is the transpose, for all samples at once.
-    v_B, w_B = np.einsum("abn,an->bn", R, v_W), np.einsum("abn,an->bn", R, w_W)
-    return np.vstack([x, y, z, roll, pitch, yaw, v_B, w_B])

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import asin, atan2, pi, remainder, sqrt
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -112,18 +112,22 @@ class TruthSensor(SampledSensor):
         return np.array(vehicle_state([float(value) for value in pose], [*turn.tolist(), *velocity.tolist()]))
 
 
-def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
-    """Return the state vector of a floating body.
+def vehicle_state(pose: Sequence[Any] | Array, twist: Sequence[Any] | Array) -> list[Any]:
+    """Return the state vector of a floating body, or those of many poses as 12 arrays.
 
     Args:
-        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7).
-        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6).
+        pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7), or an array (7 x n).
+        twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6), or an array (6 x n).
 
     Returns:
         the 12 numbers of :data:`mirdrake.core.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
     """
     w, i, j, k, x, y, z = pose
-    norm = sqrt(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
+    # For floats the standard library is much faster than NumPy.
+    arrays = isinstance(pose, np.ndarray)
+    functions: Any = (np.sqrt, np.arctan2, np.arcsin) if arrays else (sqrt, atan2, asin)
+    root, angle, tilt = functions
+    norm = root(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
     w, i, j, k = w / norm, i / norm, j / norm, k / norm
     # Drake's order: angular velocity before linear velocity, both in the world frame.
     ax, ay, az, vx, vy, vz = twist
@@ -135,9 +139,9 @@ def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
         x,
         y,
         z,
-        atan2(zy, zz),
-        asin(min(max(-zx, -1.0), 1.0)),
-        atan2(yx, xx),
+        angle(zy, zz),
+        tilt(np.clip(-zx, -1.0, 1.0) if arrays else min(max(-zx, -1.0), 1.0)),
+        angle(yx, xx),
         xx * vx + yx * vy + zx * vz,  # columns of R_WB: expressed in B
         xy * vx + yy * vy + zy * vz,
         xz * vx + yz * vy + zz * vz,

@@ -39,7 +39,7 @@ from mirdrake.identification.models.plant_context import body_inertia, measure, 
 from mirdrake.identification.models.plant_parameters import plant_parameters
 from mirdrake.identification.models.simulated import SimulatedModel
 from mirdrake.identification.models.steer import STEERING, steering_angle
-from mirdrake.runs.telemetry import vehicle_states
+from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
 
 EGO = "ego"
@@ -321,7 +321,7 @@ class PlantModel(SimulatedModel):
         pose = x[part.base.floating_positions_start() :][:7, None]
         start = positions + part.base.floating_velocities_start_in_v()
         # The settled pose gives the directions; wheels spin up with the vehicle.
-        state = vehicle_states(pose, x[start : start + 6, None])[:, 0]
+        state = np.array(vehicle_state(pose, x[start : start + 6, None]))[:, 0]
         yaw, now = state[5], state[6]
         turn, side = state[11], state[7]
         if "yaw_rate" in drive.outputs:
@@ -344,7 +344,7 @@ class PlantModel(SimulatedModel):
         """Return the sensor readings by channel, from states of the plant (states, n)."""
         part = self._part
         start = self.assembly.parts.plant.num_positions() + part.base.floating_velocities_start_in_v()
-        state = vehicle_states(x[part.base.floating_positions_start() :][:7], x[start:][:6])
+        state = vehicle_state(x[part.base.floating_positions_start() :][:7], x[start:][:6])
         vx, vy, turn = state[6], state[7], state[11]
         ahead = float(self._whole.com[0])
         slopes = [np.gradient(values, self._sample) for values in (vx, vy, turn)]

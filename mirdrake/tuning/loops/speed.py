@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.yaml_io import where
-from mirdrake.runs.telemetry import vehicle_states
+from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
 from mirdrake.tuning.identify import (
     Identification,
@@ -75,7 +75,7 @@ def car_speed(bench: PlantBench, state: Floats) -> Floats:
     base, first = bench.part.base, bench.plant.num_positions()
     pose = state[base.floating_positions_start() :][:7]
     twist = state[first + base.floating_velocities_start_in_v() :][:6]
-    return np.asarray(vehicle_states(pose, twist)[6])
+    return np.asarray(vehicle_state(pose, twist)[6])
 
 
 def radius_per_mass(bench: PlantBench, drag: float) -> float:
