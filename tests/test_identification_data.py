@@ -232,6 +232,19 @@ def test_steps_ramps_and_rests_are_not_glitches(seed, rate, height, noise):
     assert not find_glitches(values, np.inf).any()
 
 
+def test_the_peak_of_a_motion_of_a_few_samples_is_not_a_glitch():
+    """Pitch rate of a simulated robot that starts to move, 20 ms from sample to sample, without noise."""
+    peak = [
+        0.004869, 0.02561, 0.03867, 0.02914, 0.007389, -0.008284, -0.01139, -0.006416, -0.0006037, 0.00199, 0.001435,
+        -0.0002353, -0.001327, -0.001387, -0.0008581, -0.0003367, -0.0001148, -0.0001486, -0.0002579, -0.0003097,
+    ]  # fmt: skip
+    rest = 0.00487 + 1e-6 * np.sin(np.arange(47.0))
+    values = np.concatenate([rest, peak, 0.002 * np.sin(0.05 * np.arange(1000.0))])
+    assert not find_glitches(values, np.inf).any()
+    values[[20, 400, 401]] += 0.034
+    assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == [20, 400, 401]
+
+
 @settings(max_examples=40, deadline=None)
 @given(rows=st.sets(st.integers(0, 1999), min_size=1, max_size=4), hold=st.sampled_from([1, 2]))
 @example(rows={1999}, hold=1)

@@ -14,6 +14,9 @@ from mirdrake.identification.timing import changed_rows, resolution
 WINDOW = 9
 """Samples of the median filter that glitches are compared with: up to four in a row are found."""
 
+FLANK = 0.3
+"""Least share of a peak that the samples beside its top have if the peak is a motion [1]."""
+
 NEAR = 2
 """Rows within which a motion shows in other channels as well."""
 
@@ -127,7 +130,8 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
             if row and min(side[row - 1], side[row + 1]) < side[row] < max(side[row - 1], side[row + 1]):
                 distance[row] = 0.0
         distance[0] *= distance[0] > fastest
-    odd = (away > floor) | (np.abs(series) > limit) | _far_out(series, steps)
+    odd = (away > floor) & ~_have_flanks(series, away > floor)
+    odd |= (np.abs(series) > limit) | _far_out(series, steps)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
     # Rows that hold the value of a glitch belong to it.
@@ -157,6 +161,17 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     more = more[more < (first + hold_lengths)[:, None]]
     rows = np.union1d(first, more[np.isfinite(values[more])])
     return rows, np.isin(rows, first)
+
+
+def _have_flanks(series: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which samples are the top of a peak of a motion: the ones beside the top are away to the same side (n)."""
+    tops, rows = np.zeros(len(series), dtype=bool), np.flatnonzero(odd)
+    away = series - median_filter(series, WINDOW, mode="mirror")
+    for group in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        if len(group) and group[0] > 0 and group[-1] + 1 < len(series):
+            top = away[group][np.abs(away[group]).argmax()]
+            tops[group] = min(away[group[0] - 1] / top, away[group[-1] + 1] / top) > FLANK
+    return tops
 
 
 def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
