@@ -34,7 +34,7 @@ hypothesis.settings.load_profile("mirdrake")
 LONGEST = 1.5
 """Recorded processor time of a test up to which it is one of the fast tests [s]."""
 
-QUICK_FILE = 0.8
+QUICK_FILE = 0.4
 """Processor time of a test file up to which ``--quick`` runs it [s]."""
 
 TIMES = Path(__file__).with_name("times.json")
