@@ -256,7 +256,7 @@ def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], 
         builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(time_step=step, contact="point", air_density=0.0)
     )
     plant, part = parts.plant, parts.vehicles["ego"]
-    _, tyres = add_tyres(builder, parts, period=step)
+    tyres = add_tyres(builder, parts)
     bars = make_axle_forces(plant, part)
     forces = [tyres.generalized_force]
     if bars is not None:

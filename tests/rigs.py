@@ -10,7 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.plant.wheels import WheelReadings, WheelTyres
+from mirdrake.plant.wheels import WheelTyres
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -38,7 +38,7 @@ class CoastingCar:
 
     parts: PlantParts
     part: VehicleInPlant
-    readings: WheelReadings
+    tyres: WheelTyres
     simulator: Simulator
 
     @property
@@ -51,31 +51,23 @@ class CoastingCar:
     @property
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
-        context = self.readings.GetMyContextFromRoot(self.simulator.get_context())
-        assert self.readings.wheel_load is not None
-        return np.array(self.readings.wheel_load.Eval(context))
+        return np.array(self.tyres.wheel_load.Eval(self.tyres.GetMyContextFromRoot(self.simulator.get_context())))
 
     def advance(self, duration: float) -> None:
         """Simulate on for a time [s]."""
         self.simulator.AdvanceTo(self.simulator.get_context().get_time() + duration)
 
 
-def add_tyres(
-    builder: DiagramBuilder, parts: PlantParts, *, period: float = 0.02, friction: float = 0.85
-) -> tuple[WheelReadings, WheelTyres]:
+def add_tyres(builder: DiagramBuilder, parts: PlantParts, *, friction: float = 0.85) -> WheelTyres:
     """Add the tyres of the only vehicle of a plant, whose wheels Drake's contact bears.
 
     The generalised force of the tyres is left to be connected.
     """
     plant, (part,) = parts.plant, parts.vehicles.values()
-    readings = WheelReadings([part], measures=True, ground=parts.ground, scenery=(), period=period)
     tyres = WheelTyres(plant, part, friction=friction)
-    builder.AddSystem(readings)
     builder.AddSystem(tyres)
-    builder.Connect(plant.get_contact_results_output_port(), readings.contact_results)
     builder.Connect(plant.get_state_output_port(), tyres.plant_state)
-    builder.Connect(readings.wheel_load, tyres.measured_load)
-    return readings, tyres
+    return tyres
 
 
 def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = None) -> CoastingCar:
@@ -86,7 +78,7 @@ def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = N
         vehicle = with_rolling_resistance(vehicle, coefficient)
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=spec)
     plant, part = parts.plant, parts.vehicles["ego"]
-    readings, tyres = add_tyres(builder, parts)
+    tyres = add_tyres(builder, parts)
     builder.Connect(tyres.generalized_force, plant.get_applied_generalized_force_input_port())
     straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
     builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))
@@ -94,7 +86,7 @@ def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = N
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     set_start(plant, context, part, x=0.0, y=0.0, yaw=0.0, speed=speed)
     simulator.Initialize()
-    return CoastingCar(parts, part, readings, simulator)
+    return CoastingCar(parts, part, tyres, simulator)
 
 
 def drive(duration: float, *, speed: float = 0.0, world: str = "empty", control: Any = None, **plant: Any) -> Run:

@@ -16,7 +16,7 @@ from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVecto
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.plant.suspension import make_axle_forces, make_bump_stops
-from mirdrake.plant.wheels import WheelReadings
+from mirdrake.plant.wheels import WheelTyres
 from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
 from mirdrake.vehicles.mounts import SensorsSpec
@@ -56,7 +56,7 @@ class PushedCar:
 
     parts: PlantParts
     part: VehicleInPlant
-    readings: WheelReadings
+    tyres: WheelTyres
     simulator: Simulator
     log: VectorLogSink
 
@@ -67,8 +67,7 @@ class PushedCar:
     @property
     def loads(self) -> np.ndarray:
         """Normal load of each wheel [N]."""
-        assert self.readings.wheel_load is not None
-        return np.array(self.readings.wheel_load.Eval(self.readings.GetMyContextFromRoot(self.simulator.get_context())))
+        return np.array(self.tyres.wheel_load.Eval(self.tyres.GetMyContextFromRoot(self.simulator.get_context())))
 
     @property
     def state(self) -> np.ndarray:
@@ -118,7 +117,7 @@ def pushed_car(
     world = load_world(world) if isinstance(world, str) else world
     parts = make_plant(builder, world, {"ego": vehicle}, spec=spec, parked=["ego"] if parked else [])
     plant, part = parts.plant, parts.vehicles["ego"]
-    readings, tyres = add_tyres(builder, parts, period=0.01)
+    tyres = add_tyres(builder, parts)
     com = plant.CalcCenterOfMassPositionInWorld(plant.CreateDefaultContext(), [part.instance])
     push = ExternallyAppliedSpatialForce()
     push.body_index, push.p_BoBq_B = part.base.index(), com
@@ -139,4 +138,4 @@ def pushed_car(
     builder.Connect(plant.get_state_output_port(), log.get_input_port())
     simulator = Simulator(builder.Build())
     set_start(plant, plant.GetMyMutableContextFromRoot(simulator.get_mutable_context()), part, x=0.0, y=0.0, yaw=0.0)
-    return PushedCar(parts, part, readings, simulator, log)
+    return PushedCar(parts, part, tyres, simulator, log)

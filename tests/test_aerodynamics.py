@@ -102,7 +102,7 @@ def test_lift_loads_each_axle_by_its_own_coefficient():
 def test_coast_down_follows_the_closed_form(wind, step):
     builder, parts, air = in_air(wind=(wind, 0.0))
     plant, part = parts.plant, parts.vehicles["ego"]
-    _, tyres = add_tyres(builder, parts)
+    tyres = add_tyres(builder, parts)
     total = builder.AddSystem(Adder(2, plant.num_velocities()))
     builder.AddSystem(air)
     builder.Connect(tyres.generalized_force, total.get_input_port(0))

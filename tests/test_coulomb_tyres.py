@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mirdrake.assembly.diagram import assemble
-from mirdrake.plant.plant import TyreSpring
 from mirdrake.plant.wheels.motion import NO_JOINT, WheelPlace
 from mirdrake.plant.wheels.step import SpinningWheel, pivoting, rolling_moment
 from mirdrake.runs.simulation import Simulation
@@ -25,9 +24,7 @@ def contact(mu: float = MU) -> Contact:
 def wheel(*, coulomb: bool = True) -> SpinningWheel:
     place = WheelPlace((0.0, 0.0, 0.3), 0.0, 0, NO_JOINT, NO_JOINT, (0, 0))
     settings = RelaxationSettings(lasting_damping=DAMPING * LOAD)
-    return SpinningWheel(
-        place, 1.0, 0.0, False, 0.3, TyreSpring(5e-6, 1.0), LOAD, settings, WIDTH, 0.01, coulomb, 0, 100.0
-    )
+    return SpinningWheel(place, 1.0, 0.0, False, 0.3, 2e5, 0.0, LOAD, settings, WIDTH, 0.01, coulomb, 0, 100.0)
 
 
 def test_the_brush_sticks_at_small_slips_and_slides_with_the_friction_force() -> None:

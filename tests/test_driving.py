@@ -156,7 +156,7 @@ def coast_on(world, vehicle, duration):
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world(world), {"ego": vehicle}, spec=PlantSpec(contact="point"))
     plant, part = parts.plant, parts.vehicles["ego"]
-    _, tyres = add_tyres(builder, parts)
+    tyres = add_tyres(builder, parts)
     builder.Connect(tyres.generalized_force, plant.get_applied_generalized_force_input_port())
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())

@@ -21,7 +21,7 @@ STATIC = [4400.0, 4400.0, 3600.0, 3600.0]
 def tyre_at(curves: TyreCurves, wheel: int, load: float, inclination: float, friction: float) -> TyreAtLoad:
     """Return the tyre of a wheel, with its nodes made where they are missing."""
     if not find_tyre(curves.nodes, wheel, load, inclination, friction):
-        curves.make(None, [friction] * 4)
+        curves.make([friction] * 4)
         assert find_tyre(curves.nodes, wheel, load, inclination, friction)
     record = curves.curves[wheel]
     return TyreAtLoad(Contact(*record["contact"]), _dotted(record["curve"]), MagicFormulaTyres.law)
@@ -91,7 +91,7 @@ def test_nodes_of_a_ground_are_evaluated_once_until_there_are_too_many_grounds()
     # Wheel 1 passes over many other grounds.
     for friction in 0.6 + 0.01 * np.arange(20):
         assert not find_tyre(curves.nodes, 1, 4000.0, 0.001, friction)
-        curves.make(None, [0.5, friction, 0.5, 0.5])
+        curves.make([0.5, friction, 0.5, 0.5])
         assert find_tyre(curves.nodes, 1, 4000.0, 0.001, friction)
         assert find_tyre(curves.nodes, 0, 4000.0, 0.001, 0.5)
     assert len(calls) == 8 + 20 * 4
@@ -100,7 +100,7 @@ def test_nodes_of_a_ground_are_evaluated_once_until_there_are_too_many_grounds()
 def test_numbers_that_are_not_finite_have_no_curve() -> None:
     curves = magic_curves()
     assert not find_tyre(curves.nodes, 0, math.nan, 0.0, 1.0)
-    curves.make(None, [1.0] * 4)
+    curves.make([1.0] * 4)
     assert not find_tyre(curves.nodes, 0, math.nan, 0.0, 1.0)
 
 

@@ -115,13 +115,10 @@ def motions(positions: int, state: Sequence[float], places: Sequence[Any]) -> li
     return [wheel_motion(state, wheel_place, base, positions) for wheel_place in places]
 
 
-def steady_forces(
-    tyres: WheelTyres, state: Sequence[float], loads: Sequence[float], *, steps: int = 4000
-) -> np.ndarray:
+def steady_forces(tyres: WheelTyres, state: Sequence[float], *, steps: int = 4000) -> np.ndarray:
     """Return tyre forces (4, 5) of a car held in one state."""
     context = tyres.CreateDefaultContext()
     tyres.plant_state.FixValue(context, np.array(state))
-    tyres.measured_load.FixValue(context, np.array(loads))
     for _ in range(steps):
         updated = tyres.EvalUniquePeriodicDiscreteUpdate(context)
         context.get_mutable_discrete_state().SetFrom(updated)

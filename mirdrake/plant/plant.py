@@ -5,7 +5,7 @@ finalised. The road is one half space; its visual geometry is on top of it.
 """
 
 import re
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import cos, sin, sqrt
 from typing import Literal
@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
     AddContactMaterial,
     AddRigidHydroelasticProperties,
     Box,
@@ -51,7 +52,13 @@ from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.actors import ActorsInScene, add_solid_actors, exclude_world
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
-from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
+from mirdrake.plant.wheel_shape import (
+    LEAST_DEPTH,
+    TREAD,
+    ContactModel,
+    make_wheel_shape,
+    patch_size,
+)
 from mirdrake.tyres import SlipTyres
 from mirdrake.tyres.vertical import VerticalTyre
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
@@ -89,7 +96,7 @@ BOUNCE_DAMPING = 0.25
 damping ratio is 0.2 to 0.4 (T. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 5); that of rubber alone,
 some per cent, would let it bounce and pitch for seconds."""
 
-ROAD_STIFFNESS = 1e9
+ROAD_STIFFNESS = 1e12
 """Point-contact stiffness of the road [N/m]: much stiffer than a tyre, so that the tyre's stiffness dominates."""
 
 
@@ -125,32 +132,6 @@ class PlantSpec(Schema):
 
 
 @dataclass(frozen=True)
-class TyreSpring:
-    """Compression of a tyre at rest: depth = softness x load ** power.
-
-    Attributes:
-        softness: [m/N^power].
-        power: exponent [1].
-    """
-
-    softness: float
-    power: float
-
-    def __call__(self, load: float) -> float:
-        """Return the compression [m] under a load [N]."""
-        return float(self.softness * max(load, 0.0) ** self.power)
-
-
-def spring_load(spring: TyreSpring, depth: float) -> float:
-    """Return the load of a tyre [N] at a compression [m]."""
-    return float((max(depth, 0.0) / spring.softness) ** (1.0 / spring.power))
-
-
-Compression = TyreSpring | VerticalTyre
-"""Compression of a tyre at rest [m], a function of the load [N]."""
-
-
-@dataclass(frozen=True)
 class VehicleInPlant:
     """Vehicle in a plant.
 
@@ -165,7 +146,9 @@ class VehicleInPlant:
         steering_actuators: actuators of the steering joints.
         tyres: collision geometry of each wheel's tyre.
         tyre_mu: friction coefficient of each tyre's rubber [-].
-        compression: compression of a front and a rear tyre under a load.
+        compression: vertical stiffness and damping of a front and a rear tyre, the same on every contact.
+        patches: modulus times width of the mesh of a front and a rear tyre in hydroelastic contact [N/m]; zeros in
+            other contacts.
         parked: whether parking brakes hold the wheels.
         suspension: suspension joints in the order of the wheels; empty without suspension.
         terrain: the ground that its tyres touch.
@@ -183,7 +166,8 @@ class VehicleInPlant:
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
     tyre_mu: tuple[float, ...]
-    compression: tuple[Compression, Compression]
+    compression: tuple[VerticalTyre, VerticalTyre]
+    patches: tuple[float, float] = (0.0, 0.0)
     parked: bool = False
     suspension: tuple[Joint, ...] = ()
     terrain: Terrain = FLAT
@@ -390,13 +374,14 @@ def add_vehicle(
         for joint_index, gains in servos.items():
             actuators[joint_index].set_controller_gains(PdControllerGains(p=gains.stiffness, d=gains.damping))
 
-    # Contact shapes of the tyres, and their compression.
+    # Contact shapes of the tyres, and their stiffness.
     ratio = None if vehicle.spec.tyres.has_slip or vehicle.spec.suspension else BOUNCE_DAMPING
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
     load = GRAVITY * sum(body.default_mass() for body in bodies) / len(wheels)
-    tyres, frictions = [], []
+    of_files = vehicle.spec.tyres.vertical_tyres(vehicle.folder)
+    tyres, frictions, verticals, patches = [], [], [], []
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
-    for wheel, joint, radius, width in sizes:
+    for index, (wheel, joint, radius, width) in enumerate(sizes):
         # Copies of the ids: those of GetCollisionGeometriesForBody keep the plant alive, and systems keep them.
         frame = plant.GetBodyFrameIdOrThrow(joint.child_body().index())
         geometries = scene_graph.model_inspector().GetGeometries(frame, Role.kProximity)
@@ -406,11 +391,20 @@ def add_vehicle(
             )
         material = scene_graph.model_inspector().GetProximityProperties(geometries[0])
         frictions.append(material.GetProperty("material", "coulomb_friction").dynamic_friction())
+        vertical = of_files[index >= 2] or _vertical_of_shape(material, ratio=ratio, load=load)
+        patch = 0.0
+        if contact != "tyre":
+            # Drake's contact has a linear spring; that of the static load has the same rest pose.
+            depth = vertical(load)
+            if contact == "hydroelastic":
+                depth = max(depth, LEAST_DEPTH * radius)
+                patch = load / patch_size(radius, depth)
+            vertical = VerticalTyre(load / depth, damping=vertical.damping)
         shape = make_wheel_shape(contact, radius=radius, width=width, mirrored=wheel.endswith("right"))
-        tyres.append(_shape_tyre(plant, scene_graph, joint, geometries[0], shape, ratio=ratio, load=load))
-    inspector = scene_graph.model_inspector()
-    # Both wheels of an axle have the same tyre.
-    compression = _compressions(vehicle, contact, [inspector.GetProximityProperties(tyres[i]) for i in (0, 2)])
+        properties = _tyre_properties(vertical, patch, radius=radius, width=width)
+        tyres.append(_shape_tyre(plant, scene_graph, joint, geometries[0], shape, properties))
+        verticals.append(vertical)
+        patches.append(patch)
     return VehicleInPlant(
         name=name,
         vehicle=vehicle,
@@ -422,7 +416,8 @@ def add_vehicle(
         steering_actuators=steering_actuators,
         tyres=tuple(tyres),
         tyre_mu=tuple(frictions),
-        compression=compression,
+        compression=(verticals[0], verticals[2]),  # both wheels of an axle have the same tyre
+        patches=(patches[0], patches[2]),
         parked=parked,
         suspension=_add_springs(plant, vehicle, instance),
         period=plant.time_step() if period is None else period,
@@ -445,20 +440,43 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
+def _vertical_of_shape(material: ProximityProperties, *, ratio: float | None, load: float) -> VerticalTyre:
+    """Return stiffness and damping of a tyre from its collision shape.
+
+    With a damping `ratio` of the bounce under the load [N], the dissipation d of the tyre is at least that which gives
+    it: a force F (1 + d x') on the stiffness k damps the load F = k x by F d, so that d = 2 ratio / sqrt(g x).
+    """
+    stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
+    damping = material.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
+    if ratio is not None:
+        damping = max(damping, 2.0 * ratio / sqrt(GRAVITY * load / stiffness))
+    return VerticalTyre(stiffness, damping=damping)
+
+
+def _tyre_properties(vertical: VerticalTyre, patch: float, *, radius: float, width: float) -> ProximityProperties:
+    """Return the contact material of a tyre; `patch` as in :class:`VehicleInPlant`."""
+    properties = ProximityProperties()
+    AddContactMaterial(
+        dissipation=vertical.damping,
+        point_stiffness=vertical.stiffness,
+        friction=CoulombFriction(0.0, 0.0),
+        properties=properties,
+    )
+    if patch > 0.0:
+        modulus = patch / (TREAD * width)
+        AddCompliantHydroelasticProperties(resolution_hint=radius, hydroelastic_modulus=modulus, properties=properties)
+    return properties
+
+
 def _shape_tyre(
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
     wheel: Joint,
     tyre: GeometryId,
     shape: Shape,
-    *,
-    ratio: float | None,
-    load: float,
+    properties: ProximityProperties,
 ) -> GeometryId:
     """Register the shape of a tyre on the wheel carrier, in place of the wheel; return its id.
-
-    With a damping `ratio` of the bounce under the load [N], the dissipation d of the tyre is at least that which gives
-    it: a force F (1 + d x') on the stiffness k damps the load F = k x by F d, so that d = 2 ratio / sqrt(g x).
 
     The shape has no friction, as tyre forces come from the tyre law, so its rotation has no physical effect. But a
     discrete step takes the patch of a turning shape at the old angle and its pressure at the new one. The load of a
@@ -466,13 +484,6 @@ def _shape_tyre(
     tyre. A shape that does not turn has no such moments.
     """
     apart, source = _filtered_geometries(scene_graph, tyre), plant.get_source_id()
-    properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
-    properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(0.0, 0.0))
-    if ratio is not None:
-        stiffness = properties.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
-        given = properties.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
-        wanted = 2.0 * ratio / sqrt(GRAVITY * load / stiffness)
-        properties.UpdateProperty("material", "hunt_crossley_dissipation", max(given, wanted))
     scene_graph.RemoveRole(source, tyre, Role.kProximity)
     # Pose of the wheel in its carrier at zero joint angle.
     X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
@@ -492,38 +503,6 @@ def _filtered_geometries(scene_graph: SceneGraph, tyre: GeometryId) -> list[Geom
     inspector = scene_graph.model_inspector()
     others = inspector.GetGeometryIds(GeometrySet(inspector.GetAllGeometryIds()), Role.kProximity)
     return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
-
-
-def _compressions(
-    vehicle: Vehicle, contact: ContactModel, materials: Sequence[ProximityProperties]
-) -> tuple[Compression, Compression]:
-    """Return the compression of a front and a rear tyre at rest under a load.
-
-    Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
-    2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5. A vertical tyre has the stiffness of its tyre
-    file, or that of point contact.
-    """
-    geometry = vehicle.geometry
-    sizes = (
-        (geometry.front_wheel_radius, geometry.front_wheel_width),
-        (geometry.rear_wheel_radius, geometry.rear_wheel_width),
-    )
-    # Only the vertical tyre uses stiffness and damping of a tyre file; Drake's contact has its own.
-    of_files = vehicle.spec.tyres.vertical_tyres(vehicle.folder) if contact == "tyre" else (None, None)
-    result: list[Compression] = []
-    for material, (radius, width), of_file in zip(materials, sizes, of_files, strict=True):
-        stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
-        if contact == "tyre":
-            damping = material.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
-            result.append(of_file or VerticalTyre(stiffness, damping=damping))
-        elif contact == "point":
-            result.append(TyreSpring(1.0 / stiffness, 1.0))
-        else:
-            modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-            # Solved for d: d = softness N^(2/3).
-            softness = (0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)
-            result.append(TyreSpring(float(softness), 2.0 / 3.0))
-    return result[0], result[1]
 
 
 def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[GeometryId, ...], PropsInPlant]:

@@ -8,14 +8,25 @@ Vehicle files have a cylinder. In a simulation it has two faults, both measured:
   bumps (up to 1.5 mm at 20 m/s with resolution hint 0.1 m). A wedge mesh, the same around the circumference, is ten
   times smoother with as many contact polygons.
 
-The tread is flat, with two rows of triangles. A wheel with inclination γ is compressed more on the side to which its
-top is inclined. In a discrete step, with one pressure per triangle, the load moves to that side by w² γ / (24 d), with
-the width w and the depth d: this is the overturning moment of a patch, for a car about that of a load below the
-wheel's centre. On the ellipsoid the contact point moves by (w/2)² γ / R.
+Both bear the load in the middle plane of the wheel, or nearly so. The mesh is half as wide as the wheel: a wheel with
+inclination γ is compressed more on the side to which its top is inclined, and in a discrete step, with one pressure per
+triangle, the load moves to that side by w² γ / (36 d), with the width w of the mesh and the depth d. On an ellipsoid
+of the width w the contact point moves by (w² / (4 R) - d / 2) γ from the wheel plane on the road. The tyre step
+(:mod:`mirdrake.plant.wheels.step`) removes the moment of both.
+
+The pressure is p = E (1 - r / R) at the distance r from the axle, down to zero at the sides. The sides are concave,
+so that the pressure does not rise upwards near them. Drake ignores such parts of a patch, which leaves the share
+1 - p / E of the width. On a plane at the depth d, with the half length a of the patch and the height h = R - d of the
+axle, the load is::
+
+    N = E w ∫ (p / E - (p / E)²) dx = E w (a + h² asinh(a / h) / R - 2 a h² / R² - 2 a³ / (3 R²)),    a² = R² - h²
+
+The modulus E is chosen so that a tyre has the deflection of its vertical stiffness at the static load; the tyre step
+adds what the patch lacks elsewhere.
 """
 
 from itertools import pairwise
-from math import cos, pi, sin, sqrt
+from math import asinh, copysign, cos, pi, sin, sqrt
 from typing import Literal
 
 from pydrake.common import MemoryFile
@@ -24,8 +35,18 @@ from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 ContactModel = Literal["hydroelastic", "point", "tyre"]
 
 SEGMENTS = 64
-"""Number of sectors around the circumference. At depths of 4 to 12 mm the load differs from the closed form of a round
-wheel by up to 1.4 %, by 0.8 % from one angle to another; with 32 by 5 and 9 %."""
+"""Number of sectors around the circumference. At depths of 3 to 9 % of the radius the load differs from the closed
+form by at most 0.1 % at every angle; with 32 by 2 %."""
+
+TREAD = 0.5
+"""Width of the mesh over that of the wheel [1]."""
+
+DISH = 0.1
+"""Depth by which the middles of the sides are inside of the edges of the tread over the radius [1]."""
+
+LEAST_DEPTH = 0.02
+"""Least depth of a patch under the static load over the radius [1]: a shallower one is on one or two facets. Stiffer
+tyres have the deflection of this depth in hydroelastic contact."""
 
 Point = tuple[float, float, float]
 
@@ -41,16 +62,28 @@ def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirr
     """
     if contact != "hydroelastic":
         return Ellipsoid(radius, width / 2.0, radius)
-    contents = write_wheel_vtk(radius=radius, width=width, segments=SEGMENTS, mirrored=mirrored)
+    contents = write_wheel_vtk(radius=radius, width=TREAD * width, segments=SEGMENTS, mirrored=mirrored)
     return Mesh(InMemoryMesh(mesh_file=MemoryFile(contents, ".vtk", "wheel")))
+
+
+def patch_size(radius: float, depth: float) -> float:
+    """Return the load of a patch over modulus and width of the mesh [m]; :mod:`mirdrake.core.compiled` can compile it.
+
+    Args:
+        radius: of the wheel [m].
+        depth: of the patch, less than the radius [m].
+    """
+    height = radius - depth
+    half = sqrt(depth * (radius + height))
+    share = height / radius
+    return half * (1.0 - 2.0 * share * share - 2.0 / 3.0 * (half / radius) ** 2) + height * share * asinh(half / height)
 
 
 def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: bool = False) -> str:
     """Return a solid wheel as a tetrahedral VTK file (legacy ASCII text).
 
-    The pressure is largest at the centre and zero on the surface. Below the tread the hydroelastic pressure
-    therefore grows linearly with depth, E·depth/radius, evenly across the width. One inner point needs the fewest
-    tetrahedra, four per sector, and the cost of contact is proportional to the number of polygons.
+    The pressure is largest at the centre and zero on the surface. One inner point needs the fewest tetrahedra, four per
+    sector, and the cost of contact is proportional to the number of polygons.
 
     All sectors are cut along the same diagonal of the tread, so that the load of a rolling wheel acts some millimetres
     off centre, in proportion to speed times step. A right wheel is therefore the mirror image of a left one, which
@@ -69,7 +102,8 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
     width = -width if mirrored else width
     right: list[Point] = [(corner * cos(a), -width / 2.0, corner * sin(a)) for a in angles]
     left: list[Point] = [(x, -y, z) for x, y, z in right]
-    points = [*right, *left, (0.0, 0.0, 0.0), (0.0, -width / 2.0, 0.0), (0.0, width / 2.0, 0.0)]
+    side = 0.5 * width - copysign(min(DISH * radius, 0.25 * abs(width)), width)
+    points = [*right, *left, (0.0, 0.0, 0.0), (0.0, -side, 0.0), (0.0, side, 0.0)]
     # Pressure is interpolated between the centre (largest) and all other points (zero).
     centre, cap_right, cap_left = range(2 * segments, 2 * segments + 3)
 

@@ -11,38 +11,27 @@ from mirdrake.core.signals import signals_of
 from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.suspension import make_axle_forces, make_bump_stops
-from mirdrake.plant.wheels import LOAD_PERIOD, GroundTyres, TyreSystem, WheelReadings, WheelTyres
+from mirdrake.plant.wheels import GroundTyres, TyreSystem, WheelReadings, WheelTyres
 
 
 def add_tyres(wiring: Wiring, parts: PlantParts) -> tuple[WheelReadings, dict[str, TyreSystem]]:
-    """Add the tyres of all vehicles, and the system that reads their loads; the vehicles' systems connect to them."""
+    """Add the tyres of all vehicles and the counter of their other contacts; the vehicles' systems connect to them."""
     plant, vehicles = parts.plant, list(parts.vehicles.values())
-    measures = parts.wheel_contact != "tyre"
-    # Contact results are read once for all wheels, as often as the fastest control unit runs. The load of point contact
-    # is proportional to the compression, and Coulomb friction to the load, so few measurements are sufficient.
+    # Contact results are read once for all vehicles, as often as the fastest control unit runs.
     period = 1.0 / max(part.vehicle.control.rate for part in vehicles)
-    if parts.wheel_contact == "point" and not any(part.vehicle.spec.tyres.has_slip for part in vehicles):
-        period = LOAD_PERIOD
-    readings = WheelReadings(
-        vehicles, measures=measures, ground=parts.ground, scenery=parts.props.owners, period=period
-    )
+    readings = WheelReadings(vehicles, ground=parts.ground, scenery=parts.props.owners, period=period)
     wiring.add("wheel_readings", readings)
     wiring.link(plant.get_contact_results_output_port(), readings.contact_results)
 
     models: dict[str, TyreSystem] = {}
-    for index, part in enumerate(vehicles):
+    for part in vehicles:
         friction = parts.world.road_mu
         tyres: TyreSystem
-        if measures:
-            # One system has the loads of all vehicles; each tyre system reads its part of them.
-            first, loads = index * len(part.wheels), len(vehicles) * len(part.wheels)
-            tyres = WheelTyres(plant, part, loads=loads, first=first, friction=friction)
-            wiring.add(f"{part.name}.tyres", tyres)
-            assert readings.wheel_load is not None
-            wiring.link(readings.wheel_load, tyres.measured_load)
-        else:
+        if parts.wheel_contact == "tyre":
             tyres = GroundTyres(plant, part, parts.terrain, friction=friction)
-            wiring.add(f"{part.name}.tyres", tyres)
+        else:
+            tyres = WheelTyres(plant, part, friction=friction)
+        wiring.add(f"{part.name}.tyres", tyres)
         wiring.link(plant.get_state_output_port(), tyres.plant_state)
         wiring.sinks[f"{part.name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
         wiring.sources[f"{part.name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))

@@ -73,12 +73,8 @@ def add_taps(
         "plant_state": (parts.plant.get_state_output_port(), None),
         "other_contacts": (readings.other_contacts, signals_of(readings.other_contacts)),
     }
-    # Loads are measured where Drake's contact bears the wheels, and of the tyre model elsewhere.
-    if readings.wheel_load is not None:
-        wanted["wheel_load"] = (readings.wheel_load, signals_of(readings.wheel_load))
     for name, system in tyres.items():
-        if readings.wheel_load is None:
-            wanted[f"{name}.wheel_load"] = (system.wheel_load, signals_of(system.wheel_load))
+        wanted[f"{name}.wheel_load"] = (system.wheel_load, signals_of(system.wheel_load))
         wanted[f"{name}.resistance"] = (system.resistance, signals_of(system.resistance))
     if "traffic" in wiring.systems:
         actors = wiring.systems["traffic"].GetOutputPort("signals")

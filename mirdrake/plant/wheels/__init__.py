@@ -3,6 +3,6 @@
 from mirdrake.plant.wheels.ground_tyres import GroundTyres
 from mirdrake.plant.wheels.road_friction import RoadFriction
 from mirdrake.plant.wheels.tyre_forces import TyreSystem, WheelTyres
-from mirdrake.plant.wheels.wheel_readings import LOAD_PERIOD, WheelReadings
+from mirdrake.plant.wheels.wheel_readings import WheelReadings
 
-__all__ = ["LOAD_PERIOD", "GroundTyres", "RoadFriction", "TyreSystem", "WheelReadings", "WheelTyres"]
+__all__ = ["GroundTyres", "RoadFriction", "TyreSystem", "WheelReadings", "WheelTyres"]

@@ -14,8 +14,6 @@ from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.wheels.ground_contact import CONTACT_SIZE
 from mirdrake.plant.wheels.ground_step import GROUND_STEP_PARTS, GroundMemory, GroundWheel, ground_step
 from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, Bearing, TyreSystem, make_spinning_wheels
-from mirdrake.plant.wheels.tyre_nodes import TyreCurves
-from mirdrake.tyres.vertical import VerticalTyre
 
 
 def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[GroundWheel]:
@@ -26,9 +24,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
     """
     wheels = []
     for index, wheel in enumerate(make_spinning_wheels(plant, part)):
-        vertical = part.compression[index >= 2]
-        assert isinstance(vertical, VerticalTyre)
-        wheels.append(GroundWheel(wheel, vertical))
+        wheels.append(GroundWheel(wheel, part.compression[index >= 2]))
     return wheels
 
 
@@ -62,8 +58,8 @@ class GroundTyres(TyreSystem):
             parts=GROUND_STEP_PARTS,
             memory=GroundMemory,
             wheels=wheels,
-            curves=lambda law, laws: TyreCurves(law, laws, static_loads),
-            arguments=lambda _, again: (data, samples, contacts, again),
+            static_loads=static_loads,
+            arguments=lambda again: (data, samples, contacts, again),
             joints=True,
         )
         super().__init__(plant, part, bearing, friction=friction)

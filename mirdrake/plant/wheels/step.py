@@ -9,8 +9,11 @@ oscillations of the vehicle on its tyres. Two first-order errors of the plant ar
   ψ' dt / 2. In a steady turn this has no effect, but it is a spurious slip whenever ψ' changes. The velocity v of the
   vehicle is therefore rotated, too, by the lateral force m v Δψ' / 2.
 - The plant applies the load at the end of a step, which damps the vehicle on its tyres by their stiffness times dt / 2,
-  many times the damping of rubber. In point contact the difference to the load in the middle is subtracted. The
-  stiffness of a patch is not known well enough, and overcompensation would excite oscillations.
+  many times the damping of rubber. The difference to the load in the middle is subtracted.
+
+The load of a tyre is its stiffness times its deflection, on every contact. A patch of hydroelastic contact has another
+characteristic (:mod:`mirdrake.plant.wheel_shape`); the difference is added as well. The load acts at the contact
+centre; the moment that the contact shape of an inclined wheel has about it is subtracted.
 
 The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
 of 10 ms would be unstable. Its change over the step is therefore predicted, linearly implicit::
@@ -31,10 +34,8 @@ the equations of spin and deflection, linear in the step with the secant stiffne
 with the slip velocity s = h ω - Vx. The law is evaluated at the slip that gives the mean of F. The mean of s, which
 deflects the tyre, is not that of both ends of the step; their difference is remembered.
 
-The load is measured less often than the plant steps, and with a delay; a friction force with this delay would excite
-the pitch of a braking car. The load of the tyre's compression has no delay, and is scaled to the measured load. The law
-is evaluated for a new load when the measured load differs by more than 1e-4; until then forces and stiffnesses are
-scaled with the load. Those of a Coulomb tyre are proportional to the load, so one evaluation is sufficient.
+The curve of a tyre at its load is interpolated (:mod:`mirdrake.plant.wheels.tyre_nodes`). That of a Coulomb tyre is
+proportional to the load, so one curve is sufficient.
 
 The pivoting moment resists the turn rate ω of a Coulomb tyre about the normal. On a patch of width w with the slip
 stiffness C of a tyre, in rolling, slip velocities ω y give Mz = -C w² ω / (12 |v|), at most μ N w / 4, the moment of
@@ -45,8 +46,7 @@ road pushes back with Crr N.
 A brake is Coulomb friction: its torque is the one that would stop the wheel by the end of the step, within its limit. A
 wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque.
 
-The overturning moment of a tyre file is linear in the lateral force at each load and inclination. A patch of Drake's
-contact shifts its load by camber on its own (:mod:`mirdrake.plant.wheel_shape`).
+The overturning moment of a tyre file is linear in the lateral force at each load and inclination.
 
 Not modelled: turn slip of tyres with slip (their moment against steering at standstill is that of the kingpin offset
 alone).
@@ -57,10 +57,11 @@ from math import atan, cos, exp, expm1, inf, sin, sqrt, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
-from mirdrake.plant.plant import TyreSpring, spring_load
+from mirdrake.plant.wheel_shape import TREAD, patch_size
 from mirdrake.plant.wheels import motion as wheel_motion
 from mirdrake.plant.wheels.motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
+from mirdrake.plant.wheels.tyre_nodes import NODE_PARTS, TyreNodes, find_tyre
 from mirdrake.tyres import relaxation
 from mirdrake.tyres.coulomb import PIVOT_LENGTH, PIVOT_STIFFNESS
 from mirdrake.tyres.relaxation import (
@@ -77,15 +78,12 @@ from mirdrake.tyres.relaxation import (
 SMOOTH_SPEED = 0.3
 """Wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
 
+_LYING = 0.5  # sine of the inclination from which a wheel lies on its side [1]
+
 # Below this, differences of floats are noise: limits are taken instead of quotients.
 _SMALL = 1e-9
 
 _SLOW = 1e-6  # product of both rates and the squared step below which a sliding tyre is not solved exactly [1]
-
-_LIFTED = 0.1  # load over static load below which measured and spring load are not compared [1]
-_SAME = 1e-4  # change of the load (relative) or of the inclination [rad] that needs no new curve
-_BLEND = 0.2  # weight of a new comparison in the filtered ratio [1]
-_MAX_RATIO = 3.0  # largest plausible ratio of measured to spring load [1]
 
 
 class SpinningWheel(NamedTuple):
@@ -97,7 +95,8 @@ class SpinningWheel(NamedTuple):
         damping: damping of the spin that Drake solves implicitly: servo gain and bearing [N m s/rad].
         held: whether a parking brake holds it.
         radius: unloaded [m].
-        spring: compression under a load.
+        stiffness: vertical stiffness [N/m]; not used where the tyre touches the ground itself.
+        patch: modulus times width of its hydroelastic mesh [N/m]; zero in point contact.
         static_load: its load at rest [N].
         settings: damping of its tyre.
         width: width of the tread [m].
@@ -112,7 +111,8 @@ class SpinningWheel(NamedTuple):
     damping: float
     held: bool
     radius: float
-    spring: TyreSpring
+    stiffness: float
+    patch: float
     static_load: float
     settings: RelaxationSettings
     width: float
@@ -153,11 +153,6 @@ class Memory(NamedTuple):
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
         begun: zero at the start, then 1.
-        measured: last measured load [N].
-        ratio: measured load over spring load [1].
-        sprung: load of the spring at the end of the step [N].
-        load: load of the curve [N].
-        inclination: inclination of the curve [rad].
         turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
     """
@@ -173,11 +168,6 @@ class Memory(NamedTuple):
     kappa: float
     bend: float
     begun: float
-    measured: float
-    ratio: float
-    sprung: float
-    load: float
-    inclination: float
     turning: float
     twist: float
 
@@ -185,42 +175,41 @@ class Memory(NamedTuple):
 def tyre_step(
     law: Callable[[Any, float, float, float], tuple[float, float, float]],
     x: Sequence[float],
-    loads: Sequence[float],
     torques: Sequence[float],
     efforts: Sequence[float],
     frictions: Sequence[float],
     cars: Records,
     wheels: Records,
     curves: Records,
+    nodes: TyreNodes,
     memories: Records,
     force: MutableSequence[float],
     after: Records,
     logged: Any,
     resistances: MutableSequence[float],
-    middle_loads: MutableSequence[float],
+    tyre_load: MutableSequence[float],
 ) -> bool:
     """Compute the forces of the road on the tyres, and the memory of the wheels.
 
     Args:
         law: forces in steady state, of :class:`mirdrake.tyres.SteadyLaw`.
         x: state of the plant, positions and velocities.
-        loads: loads of the wheels, measured [N].
         torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
         efforts: torques of the actuators of the vehicle, which the plant applies [N m].
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`SpinningCar`.
         wheels: :class:`SpinningWheel`.
-        curves: the tyres at their loads; load, inclination, friction, contact and curve.
+        curves: the tyres at their loads, contact and curve, overwritten.
+        nodes: their nodes.
         memories: :class:`Memory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
         logged: Fx, Fy, Mz, kappa and alpha of each wheel, overwritten.
         resistances: torque of the rolling resistance of each wheel [N m], overwritten.
-        middle_loads: load of each wheel in the middle of the step [N], overwritten.
+        tyre_load: load of each wheel in the middle of the step [N], overwritten.
 
     Returns:
-        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
-        are not valid.
+        Whether all nodes of the curves are known; if not, the results are not valid.
     """
     car, known = cars[0], True
     for i in range(len(force)):
@@ -229,28 +218,17 @@ def tyre_step(
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         period, contact_then = car.period, curve.contact
-        # Load now, and whether the curve is valid for it; without a valid curve the caller makes one and repeats.
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
-        start = before.begun == 0.0
-        load, ratio, sprung = _load(wheel, motion, before, loads[i], period)
-        curve_load, inclination = before.load, before.inclination
-        # Between two measurements the curve stays; forces are only scaled with the load.
-        if start or (
-            not wheel.coulomb
-            and loads[i] != before.measured
-            and (abs(load - curve_load) > _SAME * load or abs(motion.inclination - inclination) > _SAME)
-        ):
-            # A vehicle may start in the air; the curve of a Coulomb tyre is valid for every load.
-            curve_load, inclination = wheel.static_load if wheel.coulomb else load, motion.inclination
-        kept.load, kept.inclination = curve_load, inclination
-        if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
-            # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
+        # The curve at the present load; if a node is missing, the caller makes it and repeats.
+        load, borne, moment_x = tyre_loads(wheel, motion, period)
+        curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
+        if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else motion.inclination, frictions[i]):
+            # The other wheels are still checked, so that the caller makes all missing nodes before it repeats.
             known = False
             continue
 
-        # Stiffness and friction follow the present load in proportion, until the next curve.
-        scale = load / curve_load if curve_load > 0.0 else 0.0
+        scale = load / curve_load if load > nodes.lowest else 0.0
         contact = Contact(
             contact_then.stiffness_x * scale,
             contact_then.stiffness_y * scale,
@@ -284,7 +262,7 @@ def tyre_step(
         # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
         twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
         resistance = rolling_moment(wheel, load, motion.rolling, motion.spin)
-        # The plant applies the load at the end of the step; the vertical force changes it to that in the middle.
+        # The plant applies the load of its contact at the end of the step; the vertical force changes it to the load.
         add_road_force(
             force,
             wheel.place,
@@ -292,18 +270,17 @@ def tyre_step(
             fx,
             fy,
             mz + moment,
-            load - ratio * sprung,
+            load - borne,
             0.5 * period * base.turning[2],
             resistance,
             torque - drive,
-            contact.overturning + contact.overturning_by_fy * fy,
+            contact.overturning + contact.overturning_by_fy * fy - moment_x,
         )
         force[wheel.place.spin] += torque - effort
-        kept.begun, kept.measured, kept.ratio, kept.sprung = 1.0, loads[i], ratio, sprung
-        kept.turning, kept.twist = base.turning[2], twist
+        kept.begun, kept.turning, kept.twist = 1.0, base.turning[2], twist
         logged[i, 0], logged[i, 1], logged[i, 2] = fx, fy, mz + moment
         logged[i, 3], logged[i, 4] = kappa, atan(tan_alpha)
-        resistances[i], middle_loads[i] = resistance, load
+        resistances[i], tyre_load[i] = resistance, load
     # In the first step there is no earlier yaw rate to compare with.
     if memories[0].begun > 0.0:
         turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
@@ -438,19 +415,37 @@ def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMo
     force[first + 4] += y
 
 
-def _load(wheel: Any, motion: WheelMotion, before: Any, measured: float, period: float) -> tuple[float, float, float]:
-    """Return the load in mid-step [N], the ratio of measured to spring load [1], and the spring load at the end [N]."""
-    # The plant uses the compression at the end of the step; that in the middle is known for point contact only.
-    depth = wheel.radius - motion.radius
-    sprung = spring_load(wheel.spring, depth + period * motion.sink)
-    if wheel.spring.power == 1.0:
-        # The stiffness of point contact is known; a ratio above 1 would excite the vehicle on its tyres.
-        return spring_load(wheel.spring, depth), 1.0, sprung
-    ratio = before.ratio if before.begun > 0.0 else 1.0
-    # A measurement is of the last step, so it is compared with the spring load predicted for the end of that step.
-    if before.begun > 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
-        ratio += _BLEND * (max(1.0 / _MAX_RATIO, min(_MAX_RATIO, measured / before.sprung)) - ratio)
-    return ratio * sprung, ratio, sprung
+def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, float, float]:
+    """Return the load of a tyre in mid-step, and load and overturning moment of Drake's contact at the end of the step.
+
+    Args:
+        wheel: :class:`SpinningWheel`.
+        motion: its motion.
+        period: step of the plant [s].
+
+    Returns:
+        load [N]; load [N] and moment about the x axis of the tyre [N m] of Drake's contact.
+    """
+    # Positions lead the velocities by half a step: those at the beginning of a step are those of its middle.
+    load = wheel.stiffness * max(wheel.radius - motion.radius, 0.0)
+    sine, sunk = motion.axle[2], period * motion.sink
+    # The equations below do not hold for a wheel that lies on its side.
+    if abs(sine) > _LYING:
+        return load, load, 0.0
+    if wheel.patch > 0.0:
+        depth = wheel.radius - motion.radius + sunk
+        if depth <= 0.0:
+            return load, 0.0, 0.0
+        borne = wheel.patch * patch_size(wheel.radius, min(depth, 0.5 * wheel.radius))
+        width = TREAD * wheel.width
+        return load, borne, -borne * width * width * sine / (36.0 * depth)
+    # The lowest point of an ellipsoid; fcl moves it by half the depth towards the centre.
+    cosine, side = sqrt(1.0 - sine * sine), 0.5 * wheel.width
+    low = sqrt(wheel.radius * wheel.radius * cosine * cosine + side * side * sine * sine)
+    depth = low - motion.z
+    borne = wheel.stiffness * max(depth + sunk, 0.0)
+    left = (wheel.radius * wheel.radius - side * side) * sine * cosine / low * (1.0 - 0.5 * depth / low)
+    return load, borne, borne * (left - motion.z * sine / cosine)
 
 
 def _sticking_slip(
@@ -571,8 +566,9 @@ def _slip_change(
 STEP_PARTS = (
     *relaxation.STEP_PARTS,
     *wheel_motion.STEP_PARTS,
-    spring_load,
-    _load,
+    *NODE_PARTS,
+    patch_size,
+    tyre_loads,
     slip_forces,
     pivoting,
     limited_effort,

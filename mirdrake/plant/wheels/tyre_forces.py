@@ -21,13 +21,13 @@ from mirdrake.core.compiled import Records, compiled, record_type, records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
-from mirdrake.plant.plant import TyreSpring, VehicleInPlant, solves_joints
+from mirdrake.plant.plant import VehicleInPlant, solves_joints
 from mirdrake.plant.rear_steering import REAR_STEERING
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.joint_step import JointMemory, StiffJoint
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
-from mirdrake.plant.wheels.tyre_nodes import ExactCurves, TyreCurves
+from mirdrake.plant.wheels.tyre_nodes import TyreCurves
 from mirdrake.tyres import SlipTyres, SteadyLaw, TyreLaw
 from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
 from mirdrake.tyres.relaxation import RelaxationSettings
@@ -80,8 +80,6 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         # In a continuous plant servo and bearing are solved by the step itself, see ground_step.
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
         compression = part.compression[rear]
-        # A vertical tyre has its own force; the spring is that of Drake's contact.
-        spring = compression if isinstance(compression, TyreSpring) else TyreSpring(1.0 / compression.stiffness, 1.0)
         static_load = float(half * ((1.0 - share) if rear else share))
         settings = RelaxationSettings(
             damping=DAMPING_BY_LOAD * static_load,
@@ -99,7 +97,8 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 float(gain + joint.default_damping()) if solves_joints(plant) else 0.0,
                 part.parked,
                 geometry.wheel_radii[index],
-                spring,
+                compression.stiffness,
+                part.patches[rear],
                 static_load,
                 settings,
                 geometry.wheel_widths[index],
@@ -169,8 +168,8 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     Input ports:
         given: state of the plant, prescribed steering of the rear wheels if they are steered, friction of the ground
-            under each wheel, inputs of the step; in a discrete plant the memory of the wheels, in a continuous one
-            torques and set-points of the actuators.
+            under each wheel; in a discrete plant the memory of the wheels, in a continuous one torques and set-points
+            of the actuators.
         wheel_torque: as that of :class:`TyreSystem`.
         actuation: the same, in a discrete plant.
     Output ports:
@@ -196,25 +195,25 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         # The law, compiled into the step, and the curves of the tyres at their loads.
         law, laws = wheel_laws(part)
         self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
-        self._tyres = bearing.curves(law, laws)
+        self._tyres = TyreCurves(law, laws, bearing.static_loads)
 
         # Vectors of the ports are copied to and from arrays of which the arguments of the step are views.
         memory, motors = count * record.itemsize // np.dtype(float).itemsize, plant.num_actuators(part.instance)
         joints = records(StiffJoint, [] if solves_joints(plant) else make_stiff_joints(plant, part))
         of_joints = len(joints) * len(JointMemory._fields)
         rear = len(REAR_STEERING) if part.vehicle.spec.steering.rear is not None else 0
-        self.given_sizes = [plant.num_multibody_states(), rear, count, bearing.inputs]
+        self.given_sizes = [plant.num_multibody_states(), rear, count]
         self.solution_sizes = [plant.num_velocities(), memory, count * len(FORCES), count, count]
         if solves_joints(plant):
             self.given_sizes.append(memory)
-            self._given, _, _, self._friction, measured, wheels_before = _views(self.given_sizes)
+            self._given, _, _, self._friction, wheels_before = _views(self.given_sizes)
             self._efforts, self._desired = np.zeros(motors), np.zeros(2 * motors)
             self._solution, force, after, logged, resistances, loads = _views(self.solution_sizes)
             actuation, joints_before, joints_after = (np.zeros(0) for _ in range(3))
         else:
             self.given_sizes += [motors, 2 * motors]
             self.solution_sizes += [motors, of_joints]
-            self._given, _, _, self._friction, measured, self._efforts, self._desired = _views(self.given_sizes)
+            self._given, _, _, self._friction, self._efforts, self._desired = _views(self.given_sizes)
             self._solution, force, after, logged, resistances, loads, actuation, joints_after = _views(
                 self.solution_sizes
             )
@@ -229,7 +228,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         if bearing.joints:
             was, will_be = (part.view(record_type(JointMemory)) for part in (joints_before, joints_after))
             results += (self._desired, joints, was, will_be, actuation)
-        self._arguments = [(x, *bearing.arguments(measured, again=again), *tyres, *results) for again in (False, True)]
+        self._arguments = [(x, *bearing.arguments(again=again), *tyres, *results) for again in (False, True)]
 
         torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
         self.given = self.DeclareVectorInputPort("given", sum(self.given_sizes))
@@ -285,7 +284,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         first, again = self._arguments
         # The step reports missing curves; they are made in Python, then the step is repeated.
         if not self.step(*first):
-            self._tyres.make(self._after, self._friction.tolist())
+            self._tyres.make(self._friction.tolist())
             if not self.step(*again):  # the state is NaN
                 self._solution.fill(np.nan)
 
@@ -305,9 +304,8 @@ class Bearing:
         parts: functions that `step` calls, without the law.
         memory: class of the memory of a wheel; its fields are floats, and zeros at the start.
         wheels: wheels of the vehicle, for `step`.
-        curves: (law in steady state, tyre law of each wheel) -> their curves, for `step`.
-        arguments: (vector of its inputs, whether the step is repeated) -> arguments of `step` of its own.
-        inputs: number of its inputs.
+        static_loads: load of each wheel at rest [N].
+        arguments: (whether the step is repeated) -> arguments of `step` of its own.
         joints: whether `step` can solve servos, dampers and limits of joints, which a continuous plant needs.
     """
 
@@ -315,9 +313,8 @@ class Bearing:
     parts: Sequence[Callable[..., Any]]
     memory: type[Any]
     wheels: Records
-    curves: Callable[[SteadyLaw, Sequence[TyreLaw]], ExactCurves | TyreCurves]
+    static_loads: Sequence[float]
     arguments: Callable[..., tuple[Any, ...]]
-    inputs: int = 0
     joints: bool = False
 
 
@@ -386,8 +383,6 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         builder.ExportInput(equations.wheel_torque, "wheel_torque")
         count = given.num_input_ports()
         builder.ExportInput(equations.actuation or given.get_input_port(count - 2), "actuation")
-        if bearing.inputs:
-            builder.ExportInput(given.get_input_port(2 + steered), "bearing")
         if steered:
             builder.ExportInput(given.get_input_port(1), "rear_steering")
         if equations.actuation is None:
@@ -437,14 +432,9 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
 class WheelTyres(TyreSystem):
     """Tyre forces of a vehicle whose wheels Drake's contact bears.
 
-    Input ports, beside those of :class:`TyreSystem`:
-        bearing [N]: normal loads of all wheels of the plant, from :class:`mirdrake.plant.wheels.WheelReadings`.
-
     Args:
         plant: finalised plant with a discrete step.
         part: the vehicle.
-        loads: number of wheels in the plant.
-        first: index of its first wheel among them.
         friction: friction of the ground at the start [1].
 
     Raises:
@@ -456,20 +446,15 @@ class WheelTyres(TyreSystem):
         plant: MultibodyPlant,
         part: VehicleInPlant,
         *,
-        loads: int = len(WHEELS),
-        first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        wheels = records(SpinningWheel, make_spinning_wheels(plant, part))
-        own = slice(first, first + len(wheels))
+        spinning = make_spinning_wheels(plant, part)
         bearing = Bearing(
             step=tyre_step,
             parts=STEP_PARTS,
             memory=Memory,
-            wheels=wheels,
-            curves=ExactCurves,
-            arguments=lambda measured, again: (measured[own],),  # noqa: ARG005 - the same for a repeated step
-            inputs=loads,
+            wheels=records(SpinningWheel, spinning),
+            static_loads=[wheel.static_load for wheel in spinning],
+            arguments=lambda again: (),  # noqa: ARG005 - the same for a repeated step
         )
         super().__init__(plant, part, bearing, friction=friction)
-        self.measured_load = self.GetInputPort("bearing")

@@ -1,7 +1,7 @@
-"""Curves of tyres at their loads: exact ones, or between nodes of load and inclination, in Python or compiled.
+"""Curves of tyres at their loads, between nodes of load and inclination, in Python or compiled.
 
-On uneven ground loads change in every step, and a law in Python takes longer than the step. There a law is evaluated at
-nodes only, when a wheel first comes near them: loads in the ratio exp(:data:`LOAD_STEP`), inclinations in steps of
+Loads change in every step, and a law in Python takes longer than the step. A law is therefore evaluated at nodes
+only, when a wheel first comes near them: loads in the ratio exp(:data:`LOAD_STEP`), inclinations in steps of
 :data:`INCLINATION_STEP`, the friction of each ground. Between nodes the numbers of a curve and its contact are
 bilinear, so forces are continuous; the error is of second order in the steps.
 """
@@ -30,52 +30,7 @@ _LARGEST_LOAD = 30.0  # over the largest static load [1]; larger forces are prop
 _LARGEST_INCLINATION = 0.3  # [rad]; the curve does not change beyond
 _TABLES = 8  # pairs of a law and a friction that are kept
 
-_MOST_CURVES = 4096  # exact curves of a tyre that are kept for reuse
-
 Numbers = npt.NDArray[np.float64]
-
-
-class ExactCurves:
-    """Curves of the tyres of a vehicle, each evaluated at its own load and inclination.
-
-    Args:
-        law: law in steady state.
-        laws: tyre law of each wheel.
-
-    Attributes:
-        arguments: arguments of a step: present curve of each wheel; load, inclination, friction, contact and curve.
-    """
-
-    def __init__(self, law: SteadyLaw, laws: Sequence[TyreLaw]) -> None:
-        self._laws = laws
-        fields = [("load", float), ("inclination", float), ("friction", float)]
-        kind = np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
-        self._curves = np.zeros(len(laws), kind)
-        self._curves["load"] = np.nan  # not evaluated yet
-        self.arguments: tuple[Any, ...] = (self._curves,)
-        self._nodes: list[tuple[float, ...]] = [()] * len(laws)  # loads, inclinations and frictions of the curves
-        # Wheels with the same law share their curves.
-        known: dict[int, dict[tuple[float, float, float], Any]] = {id(law): {} for law in laws}
-        self._known = [known[id(law)] for law in laws]
-
-    def make(self, after: Records, frictions: Sequence[float]) -> None:
-        """Evaluate the laws where loads, inclinations or frictions differ from those of the curves.
-
-        Args:
-            after: memory of the wheels, with the load and inclination of each curve.
-            frictions: friction of the ground under each wheel, relative to dry asphalt [1].
-        """
-        for i, node in enumerate(zip(after["load"].tolist(), after["inclination"].tolist(), frictions, strict=True)):
-            if self._nodes[i] == node or not all(map(isfinite, node)):
-                continue
-            law, known = self._laws[i], self._known[i]
-            if node not in known:
-                # A bound of memory; curves are cheap to make again.
-                if len(known) >= _MOST_CURVES:
-                    known.clear()
-                tyre = law(*node)
-                known[node] = np.array((*node, plain(tyre.contact), plain(tyre.curve)), self._curves.dtype)
-            self._curves[i], self._nodes[i] = known[node], node
 
 
 class TyreNodes(NamedTuple):
@@ -198,11 +153,10 @@ class TyreCurves:
         self.arguments: tuple[Any, ...] = (self.curves, self.nodes)
         self._tables: dict[tuple[int, float], int] = {}
 
-    def make(self, after: Records | None, frictions: Sequence[float]) -> None:  # noqa: ARG002 - of ExactCurves
+    def make(self, frictions: Sequence[float]) -> None:
         """Evaluate the laws at the nodes that the wheels want and do not have.
 
         Args:
-            after: not used.
             frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         """
         nodes = self.nodes
