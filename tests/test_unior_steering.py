@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
+from mirdrake.plant.wheel_shape import ContactModel
 from mirdrake.tuning.identify import Identification, identify_loop
 from mirdrake.tuning.loops.base import Conditions, Evaluation
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
@@ -49,13 +50,22 @@ def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float
     return {name: torques[(times > low) & (times <= high)].mean(axis=0) for name, (low, high) in spans.items()}
 
 
-def trial(vehicle: str = "unior", *, step: float | None = None, delay: float = 0.05) -> Evaluation:
+def trial(
+    vehicle: str = "unior",
+    *,
+    step: float | None = None,
+    contact: ContactModel | None = None,
+    delay: float = 0.05,
+) -> Evaluation:
     """Return the study's trial with the tuned gains."""
     spec = load_tuning(STUDY)
     spec.vehicle = vehicle
     if step is not None:
         spec.plant.time_step = step
         spec.plant.model_fields_set.add("time_step")
+    if contact is not None:
+        spec.plant.contact = contact
+        spec.plant.model_fields_set.add("contact")
     return LoopEvaluator(make_loop_spec(spec))(TUNED, Conditions(delay=delay))
 
 
@@ -101,6 +111,15 @@ def test_the_tuned_steering_does_not_hinge_on_the_step() -> None:
 def test_the_tuned_steering_does_not_shimmy_on_tyres() -> None:
     for delay in (0.05, 0.1):
         assert trial("unior@handling", delay=delay).status == "ok"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", ["point", "tyre", "hydroelastic"])
+@pytest.mark.parametrize("step", [0.00125, 0.0025, 0.005, 0.01])
+def test_the_tuned_steering_does_not_depend_on_contact_and_step(contact: ContactModel, step: float) -> None:
+    result = trial(step=step, contact=contact)
+    assert result.status == "ok"
+    assert result.figures["iae"] == pytest.approx(0.01916, rel=0.03)
 
 
 @pytest.mark.slow
