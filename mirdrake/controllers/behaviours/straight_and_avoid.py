@@ -87,7 +87,7 @@ class StraightAndAvoid(Behaviour):
         steering, way = wanted, math.inf
         # Paths are compared only if the way back to the line is not free.
         if free_ways([self.spec.clearance], points, self._paths(back[None]), self._box)[0, 0] < steps:
-            angles = np.append(largest * self._shares, wanted)
+            angles: Array = np.append(largest * self._shares, wanted)
             paths = self._paths(turning(present, angles, change, steps))
             clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
             wide, narrow = free_ways(clearances, points, paths, self._box)
