@@ -239,7 +239,14 @@ BRAKE = 300.0  # torque of each brake [N m]: 0.23 g
 BUMP = {"bump": {"at": [6.0, 0.0], "length": 0.6, "height": "50 mm", "width": 12.0}}
 
 
-@pytest.mark.parametrize(("brake", "steering"), [(BRAKE, 0.0), (0.0, 0.06), (BRAKE, 0.06)], ids=str)
+@pytest.mark.parametrize(
+    ("brake", "steering"),
+    [
+        pytest.param(BRAKE, 0.0, id="brake", marks=pytest.mark.slow),
+        pytest.param(0.0, 0.06, id="steer", marks=pytest.mark.slow),
+        pytest.param(BRAKE, 0.06, id="both"),
+    ],
+)
 def test_energy_and_momentum_of_braking_and_steering_over_a_bump(tmp_path: Path, brake: float, steering: float) -> None:
     """A bump of 50 mm at 8 m/s, in a turn of 0.3 g or with brakes that do not lock a wheel.
 
