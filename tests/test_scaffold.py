@@ -6,6 +6,7 @@ import io
 import math
 import re
 import sys
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -129,6 +130,23 @@ def test_the_estimates_for_the_bolts_data_sheet_are_the_bolt() -> None:
     assert bolt.wheel_servo_gain == pytest.approx(200, rel=0.02)
     assert bolt.handling_steering_stiffness == pytest.approx(5e4, rel=0.02)
     assert (bolt.speed_kp, bolt.speed_ki, bolt.max_correction) == (1.0, 1.0, 2.0)
+
+
+def test_the_speed_set_point_changes_as_fast_as_grip_and_torque_of_the_driven_wheels_allow() -> None:
+    """60 kg, axles 0.35 m from the centre of mass, which is 0.2 m high; friction 0.9, torque for 0.5 g; 70 % of it.
+
+    Rear wheels that brake: 0.9 x 9.807 x 0.35 / (0.7 + 0.9 x 0.2) = 3.51 m/s²; front wheels that drive: the same.
+    Front wheels that brake could reach 5.94 m/s², but the torque is enough for 4.90 m/s² only.
+    """
+    robot = partial(
+        estimate, mass=60, wheelbase=0.7, track=0.5, wheel_radius=0.12, wheel_width=0.08, com_height=0.2, top_speed=2.0
+    )
+    rear, front, both = robot(drive="rear"), robot(drive="front"), robot(drive="all")
+    assert rear.max_deceleration == pytest.approx(0.7 * 3.5105, rel=1e-3)
+    assert front.max_acceleration == pytest.approx(0.7 * 3.5105, rel=1e-3)
+    assert front.max_deceleration == both.max_deceleration == pytest.approx(0.7 * 4.9033, rel=1e-3)
+    assert rear.max_acceleration == 3.0
+    assert rear.max_speed == pytest.approx(2.0)
 
 
 def test_a_model_of_the_same_car_at_half_size_has_froudes_scales() -> None:
@@ -391,6 +409,17 @@ def test_a_new_vehicle_reaches_its_speed_straight_ahead_within_half_a_percent(
     late = run["ego.vx"].index >= 8.0
     assert run["ego.vx"][late].mean() == pytest.approx(speed, rel=0.005)
     assert abs(run["ego.y"].iloc[-1]) < 0.005 * run["ego.x"].iloc[-1]
+
+
+def test_a_new_vehicle_keeps_its_top_speed_and_brakes_without_locking_its_wheels(tmp_path: Path) -> None:
+    """A robot with rear drive, 2 m/s at most: asked for 5 m/s, and then to stop."""
+    sizes = {"mass": 60, "wheelbase": 0.7, "track": 0.5, "wheel_radius": 0.12, "wheel_width": 0.08, "top_speed": 2}
+    folder = new_vehicle("rover", folder=tmp_path, **sizes)
+    fast = drive(folder, 1.0, speed=5.0, start=1.9, contact="tyre")
+    assert fast["ego.vx"].max() < 2.05
+    braking = drive(folder, 1.2, speed=0.0, start=2.0, contact="tyre")
+    assert abs(braking["ego.vx"].iloc[-1]) < 0.02
+    assert braking["ego.wheel_speed.rear_left"].min() > -0.5  # [rad/s]; locked wheels would spin backwards
 
 
 @CONTACT

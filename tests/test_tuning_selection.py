@@ -23,7 +23,7 @@ from mirdrake.tuning.designs import (
     make_designs,
     slower_designs,
 )
-from mirdrake.tuning.grip import Axles, axles_of, grip_use
+from mirdrake.tuning.grip import axles_of, grip_use
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
@@ -36,6 +36,7 @@ from mirdrake.tuning.spec import load_tuning
 from mirdrake.tuning.stages import Candidate, at_finer_step
 from mirdrake.tuning.tables import trials_table
 from mirdrake.tuning.trials import Rejection, Trial, Trials
+from mirdrake.vehicles.traction import Axles
 from tests.tuning_sample import short_result
 
 ROOT = Path(__file__).parents[1]

@@ -35,6 +35,7 @@ class LaneNumbers(NamedTuple):
     """Numbers of the control unit and the track.
 
     Attributes:
+        fastest: largest magnitude of the speed set-point [m/s].
         acceleration: largest rate of increase of the speed set-point [m/s²].
         deceleration: largest rate of decrease of the speed set-point [m/s²].
         steering: numbers of the steering law.
@@ -50,6 +51,7 @@ class LaneNumbers(NamedTuple):
         rear: half of the rear track [m].
     """
 
+    fastest: float
     acceleration: float
     deceleration: float
     steering: SteeringNumbers
@@ -152,6 +154,7 @@ def _control(
     up, down = lane.acceleration * lane.period, lane.deceleration * lane.period
     if last_speed < 0.0:
         up, down = down, up
+    speed_command = min(max(speed_command, -lane.fastest), lane.fastest)
     speed = min(max(speed_command, last_speed - down), last_speed + up)
     steering = approach(lane.steering, memory[SETPOINTS + 1], steering_command, lane.period)
     memory[SETPOINTS], memory[SETPOINTS + 1] = speed, steering

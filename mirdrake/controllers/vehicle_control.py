@@ -130,11 +130,12 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         # A torque in total is shared by the driven wheels.
         share = sum(name in spec.driven_wheels() for name in WHEELS)
         correction = control.speed.max_correction
+        fastest = np.inf if control.speed.max_speed is None else control.speed.max_speed
         self.setup = ControlSetup(
             period=self._period,
             acceleration=control.speed.max_acceleration,
             deceleration=control.speed.max_deceleration,
-            command=CommandLimits(timeout=control.dead_man),
+            command=CommandLimits(-fastest, fastest, timeout=control.dead_man),
             steering=self.steering_law.numbers,
             actuator=self.actuator.numbers,
             actuator_size=self.actuator.size,

@@ -187,10 +187,10 @@ class Readings:
 
 
 def top_speed(part: VehicleInPlant) -> float:
-    """Return the top speed of motor or governor, at most :data:`TOP_SPEED` [m/s]."""
+    """Return the top speed of motor or governor, at most the largest set-point and :data:`TOP_SPEED` [m/s]."""
     # The smallest wheel gives the lowest speed for a motor speed.
     ahead, _ = part.vehicle.spec.powertrain.top_speeds(min(part.vehicle.geometry.wheel_radii))
-    return min(ahead, TOP_SPEED)
+    return min(ahead, part.vehicle.control.speed.max_speed or TOP_SPEED, TOP_SPEED)
 
 
 def steering_limit(part: VehicleInPlant) -> float:

@@ -1,5 +1,6 @@
 """The vector environment: thousands of cars of the single-track model on the track of a diagram, in one call."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -310,6 +311,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
     correction, actuator = control.speed.max_correction, ActuatorLaw(spec.actuators.steering, period=period)
     assumed = control.assumed.wheel_radius or radius
     numbers = LaneNumbers(
+        fastest=math.inf if control.speed.max_speed is None else control.speed.max_speed,
         acceleration=control.speed.max_acceleration,
         deceleration=control.speed.max_deceleration,
         steering=Ackermann(geometry).numbers,

@@ -13,6 +13,8 @@ from typing import Any
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
+from mirdrake.vehicles.spec import Drive
+from mirdrake.vehicles.traction import Axles
 
 BOLT_RADIUS = 0.3234
 """Wheel radius of the Bolt [m], the reference of all time scales."""
@@ -56,6 +58,10 @@ tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass near t
 logarithm of the mass. Over the whole table the median error is -4 % and the standard deviation 14 %; the largest error
 is +34 % (F1TENTH).
 """
+
+RESERVE = 0.7
+"""Share of the possible acceleration that the set-point of the speed uses: by the friction circle, the same share of
+the grip is left to lateral forces, sqrt(1 - 0.7²)."""
 
 STEERING_ERROR = 1e-3
 """Deflection of a steering servo under the scrub moment of its tyre [rad], for tyres without a slip model."""
@@ -212,8 +218,19 @@ class Estimates:
     max_correction: float = _quantity(
         "speed loop, limit of the correction", "m/s", "2 m/s for a car, with the root of the wheel radius"
     )
-    max_acceleration: float = _quantity("slope of the speed set-point when accelerating", "m/s²", "3 m/s², as the Bolt")
-    max_deceleration: float = _quantity("slope of the speed set-point when decelerating", "m/s²", "5 m/s², as the Bolt")
+    max_speed: float = _quantity(
+        "top speed: largest speed set-point", "m/s", "wheel speed limit times the wheel radius"
+    )
+    max_acceleration: float = _quantity(
+        "slope of the speed set-point when accelerating",
+        "m/s²",
+        "3 m/s² as the Bolt, at most 0.7 of what grip and torque of the driven wheels allow",
+    )
+    max_deceleration: float = _quantity(
+        "slope of the speed set-point when decelerating",
+        "m/s²",
+        "5 m/s² as the Bolt, at most 0.7 of what grip and torque of the driven wheels allow",
+    )
     drag_area: float = _quantity("drag area", "m²", "0.3 x width x height; Bolt 0.825 m²")
     carrier_mass: float = _quantity("unsprung mass besides wheel and knuckle", "kg", "half a wheel, as the Bolt")
     suspension_travel: float = _quantity("wheel travel in bump and rebound", "m", "0.31 wheel radii, as the Bolt")
@@ -292,7 +309,7 @@ def estimate(
     height: float | None = None,
     length: float | None = None,
     width: float | None = None,
-    driven_wheels: int = 2,
+    drive: Drive = "rear",
     steering_limit: float = 0.6,
     front_axle_share: float | None = None,
     com_height: float | None = None,
@@ -311,7 +328,7 @@ def estimate(
         height: above the road [m]; this and the next two are estimated if None.
         length: over all [m].
         width: without mirrors [m].
-        driven_wheels: 2 or 4.
+        drive: driven axles, which also brake when the set-point of the speed falls.
         steering_limit: steering limit of the inner wheel [rad].
         front_axle_share: share of the weight on the front axle [-]; 0.5 if None.
         com_height: centre of mass of the whole vehicle above the road [m]; this and the next ones are estimated if
@@ -356,6 +373,12 @@ def estimate(
     compression = min(soft * max(BOLT_RADIUS / radius, 1.0), softest)
     wheel_speed_limit = min(130.0, 45.0 / radius) if top_speed is None else top_speed / radius
     max_torque = 0.5 * mass * GRAVITY * radius
+    # Largest accelerations by grip and torque of the driven axles.
+    axles = Axles(
+        (1.0 - share) * wheelbase, share * wheelbase, com_height, front=drive != "rear", rear=drive != "front"
+    )
+    friction, torque = 0.9, max_torque / (mass * radius)
+    forward, backward = (RESERVE * min(axles.largest(friction, 0.0, backward=end), torque) for end in (False, True))
     # A flat strip on the wedge mesh, whose pressure is E depth / R: load = (4/3) w E d sqrt(2 R d) / R with d = c R.
     modulus = 0.75 * load / (sqrt(2.0) * compression**1.5 * wheel_width * radius)
     # The tread comes down with v a / R at the front end of the patch; a = sqrt(2 R d) is its half length.
@@ -365,7 +388,7 @@ def estimate(
     effort, rate = 0.8 * load * radius, 0.16 / radius
     resistance = effort / (4.0 * rate)
     # Scrub moment of a tyre that turns on the spot: the patch is as wide as the tread and 2 sqrt(2 R d) long.
-    friction, patch = 0.9, 2.0 * radius * sqrt(2.0 * compression)
+    patch = 2.0 * radius * sqrt(2.0 * compression)
     scrub = friction * load * sqrt((wheel_width**2 + patch**2) / 8.0 + kingpin_offset**2)
     # Inertia that the servo turns: wheel about the kingpin, and rotor; the least stiffness gives it 10 Hz.
     turned = _wheel_inertia(wheel_mass, radius, wheel_width) + wheel_mass * kingpin_offset**2 + 0.016 * resistance
@@ -412,12 +435,13 @@ def estimate(
         handling_steering_damping=0.02 * compliant,
         handling_steering_rate=2.5 * rate,
         wheel_speed_limit=wheel_speed_limit,
-        wheel_servo_gain=mass * radius**2 / driven_wheels / (0.42 * slow),
+        wheel_servo_gain=mass * radius**2 / (4 if drive == "all" else 2) / (0.42 * slow),
         speed_kp=1.0,
         speed_ki=1.0 / slow,
         max_correction=2.0 * slow,
-        max_acceleration=3.0,
-        max_deceleration=5.0,
+        max_speed=wheel_speed_limit * radius,
+        max_acceleration=min(3.0, forward),
+        max_deceleration=min(5.0, backward),
         drag_area=0.3 * width * height,
         carrier_mass=wheel_mass / 2.0,
         suspension_travel=0.31 * radius,

@@ -9,7 +9,7 @@ import json
 import os
 import re
 from dataclasses import dataclass
-from math import atan, ceil, hypot, pi, radians, sqrt, tan
+from math import atan, ceil, hypot, inf, pi, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
 
@@ -131,9 +131,10 @@ def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> 
     sweep = hypot(SKIDPAD_RADIUS + side, geometry.wheelbase) - SKIDPAD_RADIUS  # of the outer front wheel
     fits = 1.2 * tightest < SKIDPAD_RADIUS and sweep < SKIDPAD_WIDTH / 2.0
     radius = SKIDPAD_RADIUS if fits else 1.5 * tightest
-    # Lateral acceleration of 0.4 g as in the diagram of the Bolt, at most 40 wheel radii per second (a third of the top
-    # speed).
-    speed = float(f"{min(sqrt(3.9 * radius), 40.0 * geometry.rear_wheel_radius):.2g}")
+    # Lateral acceleration of 0.4 g as in the diagram of the Bolt, at most 40 wheel radii per second.
+    speed = min(sqrt(3.9 * radius), 40.0 * geometry.rear_wheel_radius)
+    # 80 % of the largest set-point leave a reserve to the speed loop.
+    speed = float(f"{min(speed, 0.8 * (loaded.control.speed.max_speed or inf)):.2g}")
     duration = ceil(2.0 * 2.0 * pi * radius / speed + 2.0 * speed)  # two laps, and time to accelerate
     file = Path(folder) / f"{name}_{'skidpad' if fits else 'circle'}.yaml"
     if file.exists() and not force:

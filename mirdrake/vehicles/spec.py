@@ -150,6 +150,9 @@ class SpeedControl(Schema):
     max_correction: Speed = Field(
         default=2.0, ge=0, description="[m/s] limit of the correction and of its integral part"
     )
+    max_speed: Speed | None = Field(
+        default=None, gt=0, description="[m/s] largest speed set-point, forward and in reverse; null: no limit"
+    )
     max_acceleration: Acceleration = Field(
         default=3.0, gt=0, description="[m/s²] largest slope of the speed set-point when accelerating"
     )

@@ -70,8 +70,8 @@ _TABLES = (
     ("Contact", "contact.xacro",
      "friction tyre_modulus tyre_resolution tyre_dissipation tyre_point_stiffness arch_half"),
     ("Control", "control.yaml",
-     "speed_kp speed_ki max_correction max_acceleration max_deceleration wheel_servo_gain steering_stiffness "
-     "steering_damping"),
+     "speed_kp speed_ki max_correction max_speed max_acceleration max_deceleration wheel_servo_gain "
+     "steering_stiffness steering_damping"),
     ("Slip tyres", "variants/handling.yaml; each for one tyre at the load of its axle",
      "front_load rear_load front_cornering_stiffness rear_cornering_stiffness front_slip_stiffness "
      "rear_slip_stiffness patch_half_length relaxation_x relaxation_y assist_speed stability_gain "
@@ -127,7 +127,7 @@ class Plan:
 
 def plan_vehicle(
     *,
-    drive: str = "rear",
+    drive: Drive = "rear",
     body: str | None = None,
     sensors: str = USUAL_SENSORS,
     tyre: str | None = None,
@@ -208,13 +208,15 @@ def plan_vehicle(
         wheel_radius=(values["wheel_radius"] + values["rear_wheel_radius"]) / 2.0,
         wheel_width=(values["wheel_width"] + values["rear_wheel_width"]) / 2.0,
         front_axle_share=values.get("front_axle_share", share),
-        driven_wheels=4 if drive == "all" else 2,
+        drive=drive,
     )
 
     # Given power and top speed are inputs; the files have the limits that follow from them, with their origin.
-    for key, name in (("power", "max_power"), ("top_speed", "wheel_speed_limit")):
-        if key in values:
-            sources[name] = sources.pop(key) + (", over the wheel radius" if key == "top_speed" else "")
+    if "power" in values:
+        sources["max_power"] = sources.pop("power")
+    if "top_speed" in values:
+        sources["max_speed"] = sources.pop("top_speed")
+        sources["wheel_speed_limit"] = "top speed over the wheel radius"
     _check_power(asdict(result) | values)
     # Given values stay as they are; only estimates are rounded to their precision.
     numbers: dict[str, float | tuple[float, ...]] = {**values}

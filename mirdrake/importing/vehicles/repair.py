@@ -14,7 +14,7 @@ from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes,
 from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part, Parts
 from mirdrake.importing.vehicles.joints import imported_gains, report_joints
 from mirdrake.importing.vehicles.kinematics import Tree, source_name
-from mirdrake.importing.vehicles.limits import collect_numbers, driven_wheels, steering_limit
+from mirdrake.importing.vehicles.limits import collect_numbers, steering_limit
 from mirdrake.importing.vehicles.masses import check_balance, gather_masses
 from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.importing.vehicles.names import Names
@@ -126,7 +126,7 @@ def _estimates(
         height=max(float(bounds[1][2]), 2.0 * radius),
         length=max(float(edges[0]), layout.wheelbase),
         width=max(float(edges[1]), min(layout.tracks)),
-        driven_wheels=len(driven_wheels(roles.drive)),
+        drive=roles.drive,
         steering_limit=limit,
         front_axle_share=float(np.clip(com_x / layout.wheelbase, 0.1, 0.9)),
     )

@@ -164,10 +164,12 @@ class VehicleLoop(LoopKind):
         return len(ElementTree.fromstring(vehicle.urdf).findall("transmission"))
 
     def course(self, study: TuningSpec, vehicle: Vehicle, speed: float | None) -> Course:
-        """Return the test manoeuvre; a small car drives more slowly, by the root of its wheelbase."""
+        """Return the test manoeuvre; a small or slow car drives more slowly."""
         test = study.test
-        # Froude scaling relative to the wheelbase of a car.
-        scale = math.sqrt(vehicle.geometry.wheelbase / 2.6)
+        # Froude scaling relative to the wheelbase of a car. After the usual step of 2 m/s the speed is at most 90 % of
+        # the largest set-point, so that the limit does not act.
+        fastest = vehicle.control.speed.max_speed or math.inf
+        scale = min(math.sqrt(vehicle.geometry.wheelbase / 2.6), 0.9 * fastest / (self.initial_speed + 2.0))
         initial = test.speed if speed is None else speed
         usual_step, load = self.default_step_and_load(vehicle, scale)
         # Values of the study have precedence over those of the kind of loop.
