@@ -1,7 +1,10 @@
 """Machine code: records of numbers, functions that call others, and conditions of recompilation."""
 
+import importlib
 import runpy
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -96,6 +99,23 @@ def test_where_nothing_can_be_written_it_is_compiled_all_the_same(monkeypatch):
     forces = np.zeros(1)
     compiled(pull_all, pull, parts=(pull,))(records(Strut, [STRUT]), np.array([0.2]), forces)
     assert forces == pytest.approx([250.0])
+
+
+def test_cached_code_of_a_class_that_was_renamed_is_no_obstacle(tmp_path, monkeypatch):
+    """As after an update: the function's file is the same, the class among its former arguments is gone."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "updated_law.py").write_text("def first(pair):\n    return pair[0]\n", encoding="utf-8")
+    for name in ("Before", "Afterwards"):
+        text = f"from typing import NamedTuple\n\nclass {name}(NamedTuple):\n    size: float\n"
+        (tmp_path / "updated_kinds.py").write_text(text, encoding="utf-8")
+        for module in ("updated_law", "updated_kinds"):
+            monkeypatch.delitem(sys.modules, module, raising=False)
+        importlib.invalidate_caches()
+        law, kinds = (importlib.import_module(module) for module in ("updated_law", "updated_kinds"))
+        function = compiled(law.first, parts=())
+        assert function(getattr(kinds, name)(2.0)) == 2.0
+        assert function._cache_misses
+        assert Path(function._cache.cache_path).is_relative_to(tmp_path)
 
 
 def test_kept_code_is_of_another_version_when_the_source_of_any_part_changes(tmp_path):

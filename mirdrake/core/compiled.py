@@ -113,8 +113,6 @@ def _compiled(
     parts: tuple[Callable[..., Any], ...],
     nogil: bool,
 ) -> Callable[..., Any]:
-    from numba import njit
-
     _listen()
     everything = [function, *laws, *parts, *COMPILED_FORMS]
     # Helper functions must be known to Numba before the first call is compiled.
@@ -124,52 +122,61 @@ def _compiled(
 
     if not laws:
         # Directly, without a function around it, for which LLVM would optimise all of the code once more.
-        direct = njit(nogil=nogil)(function)
-        with suppress(RuntimeError):  # no folder is writable
-            direct._cache = _versioned_cache(function, version)
-        machine_code: Callable[..., Any] = direct
-        return machine_code
+        return _cached(function, version, nogil=nogil)
 
-    # Referring to the version puts it into the closure, whose values are part of the key of Numba's cache.
     def call_with_law(*arguments: Any) -> Any:
-        _ = version
         return function(first, *arguments)
 
     def call_with_two(*arguments: Any) -> Any:
-        _ = version
         return function(first, second, *arguments)
 
     def call_with_three(*arguments: Any) -> Any:
-        _ = version
         return function(first, second, third, *arguments)
 
     def call_with_four(*arguments: Any) -> Any:
-        _ = version
         return function(first, second, third, fourth, *arguments)
 
     # Numba resolves functions in the closure at compile time only if each is a variable of its own.
     first, second, third, fourth = (*laws, None, None, None)[:4]
     calling: Callable[..., Any] = (call_with_law, call_with_two, call_with_three, call_with_four)[len(laws) - 1]
-    try:
-        compiling: Callable[..., Any] = njit(cache=True, nogil=nogil)(calling)
-    except RuntimeError:  # no folder is writable
-        compiling = njit(nogil=nogil)(calling)
-    return compiling
+    return _cached(calling, version, nogil=nogil)
 
 
-def _versioned_cache(function: Callable[..., Any], version: int) -> Any:
-    """Return the cache of the machine code of a function, with the version as part of its key.
+def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Callable[..., Any]:
+    """Return a compiled function whose machine code is cached with the version as part of its key."""
+    from numba import njit
+    from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-    Raises:
-        RuntimeError: no folder is writable.
-    """
-    from numba.core.caching import FunctionCache
+    class File(IndexDataCacheFile):
+        """Files of the machine code; those that cannot be read, as of another version of mirdrake, do not exist."""
+
+        # Numba unpickles the classes of all arguments that the function ever had, before it looks for the key. One that
+        # was renamed since then, or an incomplete file, raises one of many errors.
+        def _load_index(self) -> Any:
+            with suppress(Exception):
+                return super()._load_index()
+            return {}
+
+        def _load_data(self, name: str) -> Any:
+            with suppress(Exception):
+                return super()._load_data(name)
+            return None
 
     class VersionedCache(FunctionCache):
+        """Cache with the version as part of its key."""
+
+        def __init__(self, function: Callable[..., Any]) -> None:
+            super().__init__(function)
+            self._cache_file = File(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
         def _index_key(self, *arguments: Any) -> Any:
             return *super()._index_key(*arguments), version
 
-    return VersionedCache(function)
+    machine_code: Any = njit(nogil=nogil)(function)
+    with suppress(RuntimeError):  # no folder is writable
+        machine_code._cache = VersionedCache(function)
+    result: Callable[..., Any] = machine_code
+    return result
 
 
 _watchers: list[Callable[[bool], None]] = []
