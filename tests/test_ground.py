@@ -1,5 +1,6 @@
 """The ground: heights and slopes of layers against closed forms, roughness against ISO 8608."""
 
+import tracemalloc
 from math import cos, pi, sin, tan
 from typing import Any
 
@@ -156,7 +157,30 @@ def test_roughness_has_the_coherence_of_an_isotropic_field() -> None:
 
 
 def test_one_square_kilometre_takes_less_than_100_megabytes() -> None:
-    """At a cell of 0.25 m; the grid here has a hundredth of the area."""
-    terrain = Terrain([Grid(np.zeros((400, 400)), 0.25), *Roughness(1e-4).grids()])
+    """At a cell of 0.25 m, with a bump and roughness; the grid here has a hundredth of the area."""
+    tracemalloc.start()
+    try:
+        ground = Terrain([Grid(np.zeros((400, 400)), 0.25)])
+        raised = ground.with_layers([Grid(np.ones((9, 9)), 0.05, smooth=False, local=True)])
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
     rough = Terrain(Roughness(1e-4).grids()).nbytes
-    assert 100 * (terrain.nbytes - rough) + rough < 100e6
+    assert 64e6 < 100 * kept + rough < 100e6
+    assert np.shares_memory(ground.data.heights, raised.data.heights)
+
+
+def test_layers_above_another_terrain_are_those_of_one_terrain() -> None:
+    random = np.random.default_rng(5)
+    below = [Plane(1.0, 0.1), Grid(random.uniform(size=(20, 30)), 0.5), arc(radius=20.0, angle=1.0)]
+    above = [Grid(random.uniform(size=(9, 9)), 0.5, smooth=False, local=True), Block(0.1, 0.1, 1.0, 0.1, 3.0, 0.1)]
+    x, y = random.uniform(-5.0, 15.0, (2, 500))
+    ground = Terrain(below)
+    before = ground.slopes(x, y)
+    raised = ground.with_layers(above)
+    np.testing.assert_array_equal(raised.slopes(x, y), Terrain([*below, *above]).slopes(x, y))
+    np.testing.assert_array_equal(ground.slopes(x, y), before)
+    assert np.ptp(raised.slopes(x, y) - before) > 0.1
+    assert not raised.even
+    assert raised.samples > 0
+    assert FLAT.with_layers([]).flat

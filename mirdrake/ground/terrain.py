@@ -7,7 +7,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import cos, sin, sqrt
 from typing import Any, NamedTuple, Protocol
 
@@ -62,6 +61,7 @@ class LayerSource(Protocol):
 
 
 _NO_NUMBERS, _NO_HEIGHTS = np.empty(0), np.empty(0, np.float32)
+_NO_LAYERS = TerrainData(records(Layer, []), _NO_NUMBERS, _NO_HEIGHTS)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -373,37 +373,28 @@ class Terrain:
         sources: the layers, the lowest one first; none: the plane z = 0.
 
     Attributes:
-        sources: the layers.
-        data: their numbers, for compiled functions.
+        data: numbers of its layers, for compiled functions.
         flat: whether the ground is the plane z = 0.
         even: whether the ground is a plane of any inclination.
         samples: number of samples along a wheel that tyres need: zero on a plane.
     """
 
     def __init__(self, sources: Sequence[LayerSource] = ()) -> None:
-        self.sources = tuple(sources)
         self.flat = not sources
         self.even = all(isinstance(source, Plane) for source in sources)
         self.samples = 0 if self.even else SAMPLES
+        self.data = _pack(sources, _NO_LAYERS)
 
-    @cached_property
-    def data(self) -> TerrainData:
-        """Numbers of the layers."""
-        layers: list[Layer] = []
-        numbers: list[Array] = []
-        heights: list[NDArray[np.float32]] = []
-        for source in self.sources:
-            # Offsets into the joined arrays, which a layer stores as the index of its first number or height.
-            counts = (sum(part.size for part in numbers), sum(part.size for part in heights))
-            layer, more, grid = source.pack(*counts)
-            layers.append(layer)
-            numbers.append(more)
-            heights.append(grid)
-        return TerrainData(
-            records(Layer, layers),  # type: ignore[arg-type]
-            np.concatenate(numbers) if numbers else np.empty(0),
-            np.concatenate(heights) if heights else np.empty(0, np.float32),
-        )
+    def with_layers(self, sources: Sequence[LayerSource]) -> "Terrain":
+        """Return this terrain with further layers above it; both share the heights in memory."""
+        result = Terrain()
+        result.flat = self.flat and not sources
+        result.even = self.even and all(isinstance(source, Plane) for source in sources)
+        result.samples = 0 if result.even else SAMPLES
+        result.data = _pack(sources, self.data)
+        # The heights of this terrain are the first ones of the other.
+        self.data = self.data._replace(heights=result.data.heights[: self.data.heights.size])
+        return result
 
     @property
     def nbytes(self) -> int:
@@ -432,6 +423,27 @@ class Terrain:
     def refine_hits(self, starts: Array, directions: Array, distances: Array) -> None:
         """Move hits of rays on a mesh of the ground to the ground; see :func:`mirdrake.ground.rays.refine_hits`."""
         compiled(refine_hits, parts=RAY_PARTS)(self.data, starts, directions, distances)
+
+
+def _pack(sources: Sequence[LayerSource], below: TerrainData) -> TerrainData:
+    """Return the numbers of layers above those of another terrain; the layers themselves are not kept."""
+    layers: list[Layer] = []
+    numbers, heights = [below.numbers], [below.heights]
+    for source in sources:
+        # Offsets into the joined arrays, which a layer stores as the index of its first number or height.
+        counts = (sum(part.size for part in numbers), sum(part.size for part in heights))
+        layer, more, grid = source.pack(*counts)
+        layers.append(layer)
+        numbers.append(more)
+        heights.append(grid)
+    joined = np.concatenate([np.asarray(below.layers), records(Layer, layers)])
+    return TerrainData(joined, _join(numbers), _join(heights))  # type: ignore[arg-type]
+
+
+def _join(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Concatenate arrays; a single one with numbers is not copied, as a grid can be large."""
+    filled = [part for part in parts if part.size]
+    return filled[0] if len(filled) == 1 else np.concatenate(parts)
 
 
 FLAT = Terrain()

@@ -126,7 +126,7 @@ def terrain_of(world: World) -> Terrain:
     """Return the ground of a world with the props that vehicles drive over."""
     ground = world.ground.terrain
     bumps = [grid for placed in world.props if placed.prop.driven_over for grid in _tops(placed, ground)]
-    return Terrain([*ground.sources, *bumps]) if bumps else ground
+    return ground.with_layers(bumps) if bumps else ground
 
 
 def _tops(placed: PlacedProp, ground: Terrain) -> list[Grid]:
