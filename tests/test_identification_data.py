@@ -24,6 +24,8 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data, load_data
 from mirdrake.identification.alignment import estimate_delay
 from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.findings import DataReport, Excitation, Finding, statement
+from mirdrake.identification.plausibility import check_relations
 from mirdrake.identification.samples import find_glitches
 from mirdrake.identification.spec import REPAIRS
 from mirdrake.identification.timing import hold_factor
@@ -669,3 +671,34 @@ def test_every_unit_of_a_channel_is_one_of_the_project():
     assert unit_factor("knots", "m/s") == pytest.approx(0.514444, rel=1e-5)
     assert unit_factor("mG", "m/s^2") == unit_factor("mg", "m/s^2") == pytest.approx(1e-3 * unit_factor("g", "m/s^2"))
     assert unit_factor("1/min", "rad/s") == pytest.approx(2 * pi / 60)
+
+
+@pytest.mark.parametrize(("factor", "fault"), [(1.0, False), (0.015, True), (3.6, True)])
+def test_a_speed_must_be_that_of_vx(factor, fault):
+    """A correction of a controller has the unit of a speed, but neither its size nor its course."""
+    log = recorded()
+    noise = np.random.default_rng(1).normal(1.0, 0.02, len(log.time))
+    findings = check_relations(changed(log, speed=factor * noise * log.channels["vx"]))
+    found = [finding for finding in findings if finding.check == "units" and "speed" in finding.channels]
+    assert bool(found) == fault
+    if fault:
+        assert found[0].severity == "fault"
+        assert found[0].value == pytest.approx(factor, rel=0.02)
+
+
+def test_the_headline_names_what_the_training_logs_do_not_excite():
+    """The same ratings in a validation log do not help the fit."""
+    words = {"speed": 2.0, "spread": 0.0, "varied": False}
+    ratings = [("a", "steering ratio", "good"), ("a", "friction", "none"), ("b", "friction", "good")]
+    excitation = tuple(
+        Excitation(log, group, verdict, {}, statement("turning", **words)) for log, group, verdict in ratings
+    )
+    time = np.arange(3.0)
+    logs = tuple(Log(name, use, time, {"vx": time}) for name, use in (("a", "train"), ("b", "validation")))
+    report = DataReport((), excitation, DataSet(logs))
+    assert report.headline == "no fault is left; excitation too weak for friction"
+    assert (
+        replace(report, excitation=excitation[:1]).headline == "no fault is left; enough excitation for steering ratio"
+    )
+    fault = Finding("a", "units", "vx", "fault", 1.0, "1", statement("impossible_turn", value=40.0))
+    assert replace(report, findings=(fault,)).headline == "1 fault without repair"

@@ -28,6 +28,7 @@ from mirdrake.identification.judgement import Direction
 from mirdrake.identification.messages import direction
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.filters import backlash, first_order, second_order
+from mirdrake.identification.models.manoeuvres import steering_manoeuvres
 from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
 from mirdrake.identification.study import load_identification
 from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
@@ -505,3 +506,16 @@ def test_a_delay_of_vy_is_estimated_and_without_it_the_interval_contains_the_tru
     assert seeing["velocity_delay"].value == pytest.approx(0.02, abs=0.001)
     assert seeing["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.01)
     assert seeing["yaw_inertia"].sigma < 0.3 * blind.sigma
+
+
+@pytest.mark.parametrize(("speed", "wheelbase"), [(2.0, 0.7), (1.0, 3.0), (20.0, 2.7)])
+def test_recommended_manoeuvres_are_within_the_steering_limit_and_the_lateral_acceleration(speed, wheelbase):
+    """At 2 m/s a wheelbase of 0.7 m needs 0.53 rad for 3 m/s², and 2.1 rad at half of the speed."""
+    for name, (angle, v) in steering_manoeuvres(speed, wheelbase).items():
+        assert np.max(np.abs(angle)) <= 0.5, name
+        lateral = v**2 * np.abs(angle) / wheelbase  # of a neutral-steering car
+        limit = 6.0 if name == "slowly increasing steer" else 3.0  # towards the limit of the tyres
+        assert np.max(lateral) <= 1.001 * limit, name
+    if speed == 20.0:
+        (angle, _) = steering_manoeuvres(speed, wheelbase)["step steer"]
+        assert np.max(angle) == pytest.approx(3.0 * 2.7 / 400.0)

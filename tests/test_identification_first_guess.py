@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError
@@ -57,6 +58,21 @@ def test_slow_turns_determine_scale_and_zero_of_a_command(ratio, straight, wheel
     assert guess is not None
     assert guess.gain * wheelbase == pytest.approx(1.0 / ratio, rel=0.15)  # of the fit's start, K held near zero
     assert guess.curvature / guess.gain == pytest.approx(-straight, abs=0.01 * ratio)
+
+
+@pytest.mark.parametrize("lag", [0.005, 0.02, 0.1])
+def test_one_speed_without_noise_does_not_separate_a_zero_of_the_steering_from_a_bias(lag):
+    """A figure of eight at 2 m/s from a standing start: v and 1 are collinear but for the start and some drag."""
+    shape = np.tanh(8.0 * np.sin(2.0 * np.pi * TIME / 30.0))
+    v = 2.0 * (1.0 - np.exp(-TIME / 0.4) - 2e-4 * (1.0 - shape**2) + 1e-4 * shape)
+    angle = 0.077 * shape
+    keep = np.exp(-0.02 / lag)
+    rate = lfilter([1.0 - keep], [1.0, -keep], v * np.tan(angle) / 0.7)
+    guess = guess_steering([Log("eight", "train", TIME, {"vx": v, "road_wheel_angle": angle, "yaw_rate": rate})],
+                           "road_wheel_angle")  # fmt: skip
+    assert guess is not None
+    assert guess.gain == pytest.approx(1.0 / 0.7, rel=0.02)
+    assert abs(0.7 * guess.curvature) < 0.005  # half of what is usual for an angle sensor
 
 
 def test_skids_do_not_change_the_guess():

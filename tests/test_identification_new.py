@@ -8,9 +8,10 @@ import pytest
 from mcap.writer import Writer
 
 from mirdrake.cli import main
+from mirdrake.core.vectors import STATE
 from mirdrake.identification import load_data
-from mirdrake.identification.channels import CHANNELS
-from mirdrake.identification.column_names import channel_by_name, unit_by_name
+from mirdrake.identification.channels import CHANNELS, quantity
+from mirdrake.identification.column_names import channel_by_name, channels_of_run, unit_by_name
 from tests.test_identification_data import changed, checked, clean, recorded
 
 G, KMH, DEG = 9.80665, 3.6, 180.0 / math.pi
@@ -204,6 +205,42 @@ def test_a_data_file_is_not_overwritten(tmp_path, capsys):
 def test_names_of_columns(column, expected):
     assert channel_by_name(column) == expected
     assert expected is None or expected in CHANNELS
+
+
+def test_signals_of_a_run_have_their_channels_by_the_registry():
+    state = [f"rover.{signal.name}" for signal in STATE]
+    imu = [f"rover.imu.{name}" for name in ("fx", "fy", "fz", "wx", "wy", "wz")]
+    others = ["rover.speed_trim", "rover.heading_error", "rover.speed_setpoint", "rover.wheel_torque.rear_left"]
+    wheels = ["rover.steering_angle.left", "rover.wheel_load.front_left", "rover.wheel_speed.front_left"]
+    found = channels_of_run([*state, "other.x", *imu, *others, *wheels])
+    assert found is not None
+    assert found["rover.wz"] == "yaw_rate"
+    assert found["rover.imu.wz"] == "yaw_rate@imu"
+    directions = ("longitudinal", "lateral", "vertical")
+    assert [found[name] for name in imu[:3]] == [f"{direction}_acceleration" for direction in directions]
+    expected = ["road_wheel_angle_left", "tyre_force_z_front_left", "wheel_rate_front_left"]
+    assert [found[name] for name in wheels] == expected
+    assert not {*others, "rover.z", "other.x"} & found.keys()
+    assert all(quantity(name) in CHANNELS for name in found.values())
+    assert channels_of_run(["car.x", "car.y", "car.vx"]) is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected"), [("m/s²", "lateral_acceleration"), ("g", "lateral_acceleration"), ("N", None)]
+)
+def test_a_specific_force_is_an_acceleration(unit, expected):
+    assert channel_by_name("imu.fy", unit) == expected
+
+
+def test_a_data_file_may_be_written_into_another_folder(tmp_path, capsys):
+    t, c = truth()
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "data").mkdir()
+    write_table(tmp_path / "logs" / "a.csv", [t, c["vx"], c["yaw_rate"]], "time,vx_m_s,yaw_rate_rad_s\n")
+    assert main(["identify", "new", str(tmp_path / "logs" / "a.csv"), "--out", str(tmp_path / "data" / "a.yaml")]) == 0
+    assert '{file: "../logs/a.csv"}' in capsys.readouterr().out
+    (log,) = load_data(tmp_path / "data" / "a.yaml").logs
+    agree(log, c, ("vx", "yaw_rate"))
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,24 @@ def test_settings_of_a_study_or_vehicle_disable_the_search():
     assert "roll of the body" not in tried({}, {"yaw_inertia": Setting(given=2400.0)})
 
 
+def test_an_effect_that_has_further_outputs_is_compared_by_those_of_the_plain_model(monkeypatch):
+    """With roll, a single track also simulates the recorded roll rate; its cost would count more samples."""
+    (log,) = lateral_data(duration=8.0).logs
+    rolls = 0.1 * log.channels["lateral_acceleration"], np.gradient(0.1 * log.channels["lateral_acceleration"], 0.02)
+    log = replace(log, channels={**log.channels, "roll": rolls[0], "roll_rate": rolls[1]})
+    monkeypatch.setattr("mirdrake.identification.estimators.structure.PROMISE", -np.inf)  # every effect is tried
+    monkeypatch.setattr("mirdrake.identification.estimators.structure.predicts_better", lambda *_: True)
+    others = ("steering_lag", "accelerometer_delay", "load_transfer")
+    settings = CAR | {name: Setting(fixed=0.0) for name in others}
+    spec = ModelSpec("single_track", {"tyres": "linear", "relaxation": False})
+    options = EstimatorOptions(iterations=2)
+    structure = choose_structure(DataSet((log,), wheelbase=FRONT + REAR), spec, settings, options)
+    assert structure.model.options["roll"]
+    assert structure.start is not None
+    assert "roll_rate" not in structure.start.problem.model.outputs
+    assert structure.start.problem.model.outputs == tuple(structure.model.options["outputs"])
+
+
 def test_a_recorded_set_point_of_the_road_wheel_angle_gets_a_lag():
     """A delay of 30 ms and a lag of 50 ms, recorded before both: as a dead time alone they cost yaw inertia."""
     closed = ModelSpec("single_track", {"roll": False, "tyres": "linear", "relaxation": False})

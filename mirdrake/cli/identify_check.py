@@ -70,9 +70,7 @@ def run(options: argparse.Namespace) -> int:
         write_data_check(options.report, path.name, data, report)
     if not options.quiet:
         print(report.table())
-        left = report.unrepaired_faults
-        rest = f"{plural(len(left), 'fault')} without repair" if left else "no fault is left"
-        print(f"{plural(len(report.repairs), 'repair')}; {rest}")
+        print(f"{plural(len(report.repairs), 'repair')}; {report.headline}")
         if options.report is not None:
             print(f"  {display_path(options.report)}")
     return 1 if report.unrepaired_faults else 0

@@ -1,6 +1,7 @@
 """``mirdrake identify new``: write a data file for a log, with guesses of its channels."""
 
 import argparse
+import os
 from pathlib import Path
 
 from mirdrake.cli.common import add_quiet
@@ -35,18 +36,14 @@ def run(options: argparse.Namespace) -> int:
     out: Path = options.out or log.with_suffix(".yaml")
     if out.exists() and not options.force:
         raise ConfigError(f"{display_path(out)}: exists already; give --out FILE.yaml, or --force to replace it")
-    # A data file names its logs relative to its own folder.
-    if out.resolve().parent != log.resolve().parent:
-        raise ConfigError(
-            f"--out {display_path(out)}: write it into the folder of the log, {display_path(log.resolve().parent)}"
-        )
     proposal = propose_data(log)
     if not proposal.channels:
         names = ", ".join(other.column for other in proposal.others[:20])
         raise ConfigError(
             f"{display_path(log)}: no column has a known name; map them with --map of identify check: {names}"
         )
-    text = proposal_text(proposal)
+    # A data file names its logs relative to its own folder.
+    text = proposal_text(proposal, os.path.relpath(log.resolve(), out.resolve().parent))
     write_file(out, text.encode())
     if not options.quiet:
         print(text)

@@ -2,7 +2,9 @@
 
 import re
 import unicodedata
+from collections.abc import Iterable, Mapping
 
+from mirdrake.core.vectors import SIDES, STATE
 from mirdrake.identification.channels import CHANNELS, WHEELS
 from mirdrake.readers.units import is_unit, plain_unit, unit_factor
 
@@ -61,6 +63,27 @@ NAMES: tuple[tuple[str, str], ...] = (
 )
 """Channel, or part of its name, and pattern of a column, most specific first; an empty channel ends the search."""
 
+SPECIFIC_FORCE = {
+    "fx": "longitudinal_acceleration", "fy": "lateral_acceleration", "fz": "vertical_acceleration",
+}  # fmt: skip
+"""Channels of the specific force, which an accelerometer measures, by the end of the name of a column in m/s²."""
+
+_ANGULAR_VELOCITY = {"wx": "roll_rate", "wy": "pitch_rate", "wz": "yaw_rate"}
+
+SIGNALS: Mapping[str, str] = {
+    **{name: name for name in ("x", "y", "roll", "pitch", "yaw", "vx", "vy")},
+    **_ANGULAR_VELOCITY,
+    **{f"steering_angle.{side}": f"road_wheel_angle_{side}" for side in SIDES},
+    "speed_command": "speed_command",
+    **{f"wheel_speed.{wheel}": f"wheel_rate_{wheel}" for wheel in WHEELS},
+    **{f"tyre_fx.{wheel}": f"tyre_force_x_{wheel}" for wheel in WHEELS},
+    **{f"tyre_fy.{wheel}": f"tyre_force_y_{wheel}" for wheel in WHEELS},
+    **{f"wheel_load.{wheel}": f"tyre_force_z_{wheel}" for wheel in WHEELS},
+}
+"""Channels of the signals of a run; all other signals have none, such as those of a single wheel's torque."""
+
+_IMU = {**SPECIFIC_FORCE, **_ANGULAR_VELOCITY}
+
 TIME = re.compile(
     r"^(t|time|zeit|temps|time_?stamp|zeit_?stempel|elapsed\w*|rel\w*_time|sec|seconds|time_?s|utc\w*)$|(^|_)(time|zeit)$"
 )
@@ -82,8 +105,42 @@ def plain_name(column: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 
-def channel_by_name(column: str) -> str | None:
-    """Return the channel of a column by its name; ``steering`` if it may be several of them; None if unknown."""
+def channels_of_run(columns: Iterable[str]) -> dict[str, str] | None:
+    """Return the channels of a recording of mirdrake by column: of its first vehicle; None for another log.
+
+    A recording has the whole state of a vehicle, such as ``ego.x`` to ``ego.wz``. The source of a second measurement is
+    its sensor: ``yaw_rate@imu``.
+    """
+    names = list(columns)
+    own = (name.removesuffix(".x") for name in names if name.endswith(".x"))
+    vehicle = next((name for name in own if {f"{name}.{signal.name}" for signal in STATE} <= {*names}), None)
+    if vehicle is None:
+        return None
+    found: dict[str, str] = {}
+    for column in names:
+        signal = column.removeprefix(f"{vehicle}.")
+        sensor, _, last = signal.rpartition(".")
+        target = SIGNALS.get(signal)
+        # Sensors have all fields of an inertial measurement unit or none.
+        if target is None and sensor and {f"{vehicle}.{sensor}.{field}" for field in _IMU} <= {*names}:
+            target = _IMU.get(last)
+            if target in found.values():
+                target = f"{target}@{sensor.replace('.', '_')}"
+        if target is not None and signal != column:
+            found[column] = target
+    return found
+
+
+def channel_by_name(column: str, unit: str = "") -> str | None:
+    """Return the channel of a column by its name; ``steering`` if it may be several of them; None if unknown.
+
+    Args:
+        column: name of the column.
+        unit: stated unit; "" without one.
+    """
+    # Tyre forces and specific forces have the same names.
+    if (force := SPECIFIC_FORCE.get(plain_name(column.rpartition(".")[2]))) and fits(unit, "m/s^2"):
+        return force
     # The device before a dotted name counts only if the rest has no meaning.
     for name in dict.fromkeys((plain_name(column.rpartition(".")[2]), plain_name(column))):
         if name in CHANNELS:

@@ -152,6 +152,8 @@ FINDINGS: dict[str, Text] = {
     "true_step": _true_step,
     "scale": "{channel} is {gain:.4g} ± {width:.2g} times the value computed from {others}, with an offset of "
     "{offset:+.3g} {unit}",
+    "speed_ratio": "speed is {speed:.3g} m/s where vx is {vx:.3g} m/s (medians in motion): one of them has another "
+    "unit, or is another quantity",
     "mistakes": "would be explained by: {mistakes}",
     "impossible_turn": "speed times yaw rate reaches {value:.3g} m/s^2, more than tyres can hold: deg as rad, km/h as "
     "m/s?",

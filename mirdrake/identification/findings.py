@@ -136,6 +136,21 @@ class DataReport:
         """Faults that were not repaired and make a fit wrong."""
         return [finding for finding in self.findings if finding.severity == "fault" and finding.done is None]
 
+    @property
+    def headline(self) -> str:
+        """Whether the data can be used, and for which parameters no log has enough excitation."""
+        if left := len(self.unrepaired_faults):
+            return f"{left} fault{'s' * (left != 1)} without repair"
+        # Parameters are fitted to the training logs.
+        train = {log.name for log in self.data.train}
+        groups = dict.fromkeys(rating.parameters for rating in self.excitation)
+        enough = {rating.parameters for rating in self.excitation if rating.verdict == "good" and rating.log in train}
+        if not groups:
+            return "no fault is left; without a speed the excitation cannot be rated"
+        if weak := [group for group in groups if group not in enough]:
+            return f"no fault is left; excitation too weak for {'; '.join(weak)}"
+        return f"no fault is left; enough excitation for {'; '.join(groups)}"
+
     def to_pandas(self) -> pd.DataFrame:
         """Return the findings, a row each."""
         columns = ["log", "check", "channel", "severity", "value", "unit", "text", "repair"]

@@ -151,7 +151,9 @@ def _judge(
     if verdict != "identified":
         ranked = sorted(zip(np.abs(uncertainty.correlation[i]), names, strict=True), reverse=True)
         inseparable = [name for rho, name in ranked if name != info.name and rho > INSEPARABLE][:2]
-        if inseparable or depends_on is None or noise * span > IDENTIFIED * sigma:
+        # Where the model makes the estimate uncertain, another drive does not help.
+        by_model = math.hypot(by_assumptions, between, structures)
+        if inseparable or noise * span > IDENTIFIED * sigma or (depends_on is None and not noise < by_model):
             remedy = model.suggest_experiment(frozenset({info.name, *inseparable}))
     # A wide interval excludes a given value as well as a narrow one; a value without meaning excludes nothing.
     is_usable = bound is None and not is_meaningless and math.isfinite(sigma)

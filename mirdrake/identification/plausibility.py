@@ -41,6 +41,9 @@ LATE = 0.2
 MIN_OPPOSITE = 0.5
 """Least correlation of a wrong sign: that of a late response to fast steering may be negative, too."""
 
+MIN_MOVING, SPEED_RATIO = 1.0, (0.5, 2.0)
+"""Time in motion that shows the ratio of speed and vx [s], and the range of the ratio that is accepted [1]."""
+
 _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
@@ -72,9 +75,27 @@ def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [finding]
 
 
+def check_speed(log: Log) -> list[Finding]:
+    """Find a speed that is not that of vx: its size differs, whether or not it follows vx."""
+    if not {"speed", "vx"} <= log.channels.keys():
+        return []
+    grid = make_grid(log)
+    speed, forward = (np.abs(smooth(grid, name)) for name in ("speed", "vx"))
+    moving = forward > max(STANDSTILL, 0.2 * float(np.max(forward)))
+    if moving.sum() * grid.step < MIN_MOVING:
+        return []
+    ratio = float(np.median(speed[moving] / forward[moving]))
+    # Sideslip enlarges the speed by 1 / cos β: 1.15 at 30 degrees. Between the limits it is left to the relations.
+    if SPEED_RATIO[0] < ratio < SPEED_RATIO[1]:
+        return []
+    medians = {"speed": float(np.median(speed[moving])), "vx": float(np.median(forward[moving]))}
+    text = statement("speed_ratio", **medians)
+    return [Finding(log.name, "units", "speed, vx", "fault", ratio, "1", text)]
+
+
 def check_relations(log: Log) -> list[Finding]:
     """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
-    findings, gains = [], estimate_gains(log)
+    findings, gains = check_speed(log), estimate_gains(log)
     for gain in gains:
         # 10 %: gravity in a pitching car alone changes the gain of its longitudinal relation by as much.
         off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)

@@ -14,11 +14,12 @@ MAX_OTHERS = 60
 """Largest number of columns without a channel that are listed."""
 
 
-def proposal_text(proposal: DataProposal) -> str:
+def proposal_text(proposal: DataProposal, log: str | None = None) -> str:
     """Return the data file of a proposal.
 
     Args:
         proposal: channels, clock and file.
+        log: path of the log from the folder of the data file; None if the log is in it.
     """
     lines = [
         "mirdrake: data/1",
@@ -41,7 +42,7 @@ def proposal_text(proposal: DataProposal) -> str:
         lines += [f"#   {_other(other)}" for other in proposal.others[:MAX_OTHERS]]
         more = len(proposal.others) - MAX_OTHERS
         lines += [f"#   and {more} more"] if more > 0 else []
-    lines += ["logs:", f"  - {{file: {_scalar(proposal.file.name)}}}  # start: 2 s, end: 40 s, use: validation"]
+    lines += ["logs:", f"  - {{file: {_scalar(log or proposal.file.name)}}}  # start: 2 s, end: 40 s, use: validation"]
     return "\n".join(lines) + "\n"
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path
 from mirdrake.identification.channels import channel
-from mirdrake.identification.column_names import TIME, channel_by_name, fits, plain_name, unit_by_name
+from mirdrake.identification.column_names import TIME, channel_by_name, channels_of_run, fits, plain_name, unit_by_name
 from mirdrake.identification.data import Log
 from mirdrake.identification.derived import DERIVATIONS, add_derived, available
 from mirdrake.identification.message_types import fields_of
@@ -204,8 +204,9 @@ def _seconds(numbers: Mapping[str, Array], time: str | None, unit: str) -> Array
 def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | None) -> list[Proposal]:
     """Return proposals by the names of columns; of several columns of a channel, further ones are other sources."""
     proposals: dict[str, Proposal] = {}
+    own = channels_of_run(table.names)
     for column, values in numbers.items():
-        found = channel_by_name(column)
+        found = own.get(column) if own is not None else channel_by_name(column, table.units.get(column, ""))
         # A constant column has neither unit nor sign that could be recognised.
         if column == time or found is None or np.nanmin(values) == np.nanmax(values):
             continue
@@ -221,7 +222,8 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
         if name in _ROAD_WHEELS and stated and np.nanmax(np.abs(values)) * unit_factor(stated, si) > MAX_ROAD_ANGLE:
             continue
         unit = stated or unit_by_name(column, si)
-        reasons = ("name", "unit in the file" if stated else "unit in the name" if unit else "")
+        source = "name" if own is None else "signal of mirdrake"
+        reasons = (source, "unit in the file" if stated else "unit in the name" if unit else "")
         if name in proposals:
             number = 2 + sum(key.startswith(f"{name}@") for key in proposals)
             name = f"{name}@{number}"

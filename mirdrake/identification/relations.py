@@ -30,6 +30,9 @@ Channels = Mapping[str, Array]
 MAX_BRIDGE = 50.0
 """Longest gap on a grid, in median steps."""
 
+REVERSE = 0.1
+"""Speed above which a negative one is not noise [m/s]."""
+
 MIN_SINGLE_DEVIATION = 0.25
 """Least deviation of the sample time from 1 if only one relation shows it: gravity in a pitching car causes 10 %."""
 
@@ -160,6 +163,8 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
     if forward and "x" in channels and "y" in channels:
         # The speed scales with both coordinates alike, so the exponent counts once.
         relations.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
+    if "speed" in channels and "vx" in channels:
+        relations.append(Relation("speed", ("vx",), (1,), False, _ground_speed))
     # Wheel speeds are in m/s at the contact, so that they are compared with the speed directly.
     if forward:
         for wheel in WHEELS:
@@ -172,6 +177,13 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         if name != first and first in channels:
             relations.append(Relation(name, (first,), (1,), False, lambda g, first=first: get(g, first)))  # type: ignore[misc]
     return relations
+
+
+def _ground_speed(grid: Grid) -> Array:
+    """Return the speed by vx and vy, negative in reverse if the recorded speed is so."""
+    forward = grid.channels["vx"]
+    size = np.hypot(forward, grid.channels["vy"]) if "vy" in grid.channels else np.abs(forward)
+    return size * np.sign(forward) if np.min(grid.channels["speed"]) < -REVERSE else size
 
 
 def _travel(grid: Grid, forward: str) -> Array:

@@ -71,7 +71,6 @@ def write_identification(result: Identification, folder: Path) -> Path:
 
 def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     """Return the page; see :func:`write_data_check`."""
-    left = len(report.unrepaired_faults)
     faults = sum(finding.severity == "fault" for finding in report.findings)
     warnings = sum(finding.severity == "warning" for finding in report.findings)
     rows = sum(len(log.time) for log in data.logs)
@@ -86,8 +85,8 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
         ),
         ("Repairs", str(len(report.repairs)), "each is listed below"),
     ]
-    # The headline answers the question of the page: whether the data can be used.
-    headline = f"{left} fault{'s' * (left != 1)} without repair" if left else "suitable for identification"
+    # The headline answers the question of the page: whether the data can be used, and for what.
+    headline = report.headline
     with drawing_style():
         sections = _data_sections(report, data, pictures=True)
     return _render(

@@ -80,6 +80,8 @@ def choose_structure(
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MAX_ITERATIONS))
     best_fit = first = _minimise(data, best, options, None)
+    # Costs are comparable for the same outputs only: an effect such as roll does not add the channels that it has.
+    model = replace(model, options={**model.options, "outputs": list(first.problem.model.outputs)})
     costs = cross_validate(best_fit, options.loss)
     tried = [(best_fit, costs)]
     accepted: list[Addition] = []

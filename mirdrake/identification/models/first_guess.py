@@ -20,6 +20,7 @@ from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.parameters import Parameter
 from mirdrake.identification.relations import Grid, make_grid
+from mirdrake.identification.timing import median_step
 
 CALM = 3.0
 """Lateral acceleration at which the tyres of any vehicle have little slip [m/s²]."""
@@ -44,6 +45,10 @@ _HELD = 10.0
 
 _UNDERSTEER = (-0.5, 4.0)
 """Range of K v² at the highest speed [1]: twice the characteristic speed, 0.7 of the critical one."""
+
+MODEL_ERROR = 0.01
+"""Least error of the regression over the deviation of the yaw rate [1]: without noise, what the regression neglects
+must not separate a zero of the steering from a bias of the gyro at one speed."""
 
 _BIAS = 0.02
 """Usual bias of a gyro [rad/s]."""
@@ -98,14 +103,19 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     middle = float(np.median(c))  # a command of about 1500 is nearly collinear with the speed
     top, ones = float(np.max(v)), np.ones(len(v))
     base = np.column_stack((v * (c - middle), v, ones, -((v / top) ** 2) * v * (c - middle)))
-    # K v² and r0 are kept near zero where they are not separable from the rest, as at one speed.
-    plain = _robust(base[:, :3], r, np.array([0.0, 0.0, 1.0 / _BIAS]))
+    # K v² and r0 are kept near zero where they are not separable from the rest, as at one speed. Errors of rows within
+    # the smoothing are not independent: they count once.
+    memory = max(_SLOW / min(median_step(log.time) for log in logs), 1.0)
+    bias = memory**0.5 / _BIAS
+    plain = _robust(base[:, :3], r, np.array([0.0, 0.0, bias]))
     # A gain of zero or less, or a poor correlation, means that the column is not the steering.
     if plain[0] <= 0.0:
         return None
-    solved = _robust(base, r, np.array([0.0, 0.0, 1.0 / _BIAS, _HELD / plain[0]]))
-    # Nearly one speed does not separate gain and understeer; the regression then has a gain of any size.
-    if not _UNDERSTEER[0] * solved[0] <= solved[3] <= _UNDERSTEER[1] * solved[0]:
+    solved = _robust(base, r, np.array([0.0, 0.0, bias, _HELD / plain[0]]))
+    # Nearly one speed does not separate gain and understeer; the regression then has a gain of any size. Without
+    # understeer there may be nothing left to explain.
+    is_plain = 1.4826 * float(np.median(np.abs(r - base[:, :3] @ plain))) < MODEL_ERROR * float(np.std(r))
+    if is_plain or not _UNDERSTEER[0] * solved[0] <= solved[3] <= _UNDERSTEER[1] * solved[0]:
         solved = np.append(plain, 0.0)
     gain, at_middle = float(solved[0]), float(solved[1])
     if np.corrcoef(base @ solved, r)[0, 1] < _ALIGNED:
@@ -152,7 +162,7 @@ def _robust(base: Array, values: Array, penalty: Array) -> Array:
             np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(penalty))), rcond=None)[0] / size
         )
         away = np.abs(values - base @ unknowns)
-        noise = max(1.4826 * float(np.median(away)), 1e-9)
+        noise = max(1.4826 * float(np.median(away)), MODEL_ERROR * float(np.std(values)), 1e-9)
         ratio = away / noise
         # Huber's loss is convex and finds the neighbourhood; Tukey's then ignores outliers altogether.
         late = turn > 9

@@ -14,6 +14,10 @@ STEP, DURATION = 0.01, 20.0
 LATERAL = 3.0
 """Lateral acceleration of a neutral-steering car [m/s²]."""
 
+MAX_ANGLE = 0.5
+"""Largest road wheel angle [rad]; most steerings reach 0.5 to 0.7 rad. A slow or long vehicle turns with less than
+:data:`LATERAL`."""
+
 
 def steering_manoeuvres(speed: float, wheelbase: float) -> dict[str, tuple[Array, Array]]:
     """Return road wheel angle [rad] and speed [m/s] of lateral manoeuvres, 20 s in steps of 0.01 s.
@@ -23,9 +27,12 @@ def steering_manoeuvres(speed: float, wheelbase: float) -> dict[str, tuple[Array
         wheelbase: [m].
     """
     t = np.arange(0.0, DURATION, STEP)
-    # Angle of a neutral-steering car for the lateral acceleration, δ = L ay / v².
-    angle = LATERAL * wheelbase / speed**2
-    slow = 0.5 * speed
+
+    def angle_at(speed: float) -> float:
+        """Return the angle of a neutral-steering car for the lateral acceleration, δ = L ay / v² [rad]."""
+        return min(LATERAL * wheelbase / speed**2, MAX_ANGLE)
+
+    angle, slow = angle_at(speed), 0.5 * speed
     square = np.sign(np.sin(2.0 * np.pi * 0.2 * t))
     # Phase of a linear sweep, the integral of 0.2 Hz + 2.3 Hz · t / duration.
     sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (2.3 / DURATION) * t**2))
@@ -33,15 +40,14 @@ def steering_manoeuvres(speed: float, wheelbase: float) -> dict[str, tuple[Array
     lane = np.where(phase % 10.0 < 4.0, np.sin(2.0 * np.pi * 0.5 * (phase % 10.0)), 0.0)
     full = np.full(len(t), speed)
     both = np.where(t < 0.5 * DURATION, slow, speed)
-    # Half the speed needs four times the angle for the same lateral acceleration.
-    growing = np.where(t < 0.5 * DURATION, 4.0 * angle, angle)
+    growing = np.where(t < 0.5 * DURATION, angle_at(slow), angle)
     return {
         "step steer": (angle * square, full),
         "step steer at two speeds": (growing * square, both),
         "swept sine to 2.5 Hz": (angle * sweep, full),
         "swept sine at two speeds": (growing * sweep, both),
         "double lane change": (angle * lane, full),
-        "slowly increasing steer": (2.0 * angle * t / DURATION, full),
+        "slowly increasing steer": (min(2.0 * angle, MAX_ANGLE) * t / DURATION, full),
         "steady circle with rising speed": (np.full(len(t), angle), np.linspace(0.3 * speed, speed, len(t))),
     }
 

@@ -544,7 +544,9 @@ class SingleTrackModel(CompiledModel):
             return "do step steers, or a sweep to 3 Hz"
         if names & stiff:
             return "do a step steer at two speeds, and record the lateral velocity if possible"
-        return "do a step steer or a sweep to 2 Hz" if "yaw_inertia" in names else "turn left and right alike"
+        if "yaw_inertia" in names:
+            return "do a step steer or a sweep to 2 Hz"
+        return "record longer, with turns to both sides"
 
 
 class SingleTrackRollModel(SingleTrackModel):
