@@ -236,11 +236,12 @@ def test_a_data_file_may_be_written_into_another_folder(tmp_path, capsys):
     t, c = truth()
     (tmp_path / "logs").mkdir()
     (tmp_path / "data").mkdir()
-    write_table(tmp_path / "logs" / "a.csv", [t, c["vx"], c["yaw_rate"]], "time,vx_m_s,yaw_rate_rad_s\n")
+    columns = [t[:500], c["vx"][:500], c["yaw_rate"][:500]]
+    write_table(tmp_path / "logs" / "a.csv", columns, "time,vx_m_s,yaw_rate_rad_s\n")
     assert main(["identify", "new", str(tmp_path / "logs" / "a.csv"), "--out", str(tmp_path / "data" / "a.yaml")]) == 0
     assert '{file: "../logs/a.csv"}' in capsys.readouterr().out
     (log,) = load_data(tmp_path / "data" / "a.yaml").logs
-    agree(log, c, ("vx", "yaw_rate"))
+    agree(log, c, ("vx", "yaw_rate"), slice(500))
 
 
 @pytest.mark.parametrize(
