@@ -111,7 +111,20 @@ def format_of(path: Path) -> str:
         return "variant"
     if isinstance(data, dict) and set(data) == {"presets"}:
         return "presets"
-    return next((name for name, entry in KINDS.items() if entry.files == path.name and not entry.head), "diagram")
+    named = next((name for name, entry in KINDS.items() if entry.files == path.name and not entry.head), "")
+    if named or not isinstance(data, dict) or set(data) <= _keys("diagram"):
+        return named or "diagram"
+    # Files of the other formats need their key, which is forgotten easily.
+    fitting = [name for name, entry in KINDS.items() if entry.head and set(data) <= _keys(name)]
+    if len(fitting) == 1:
+        line = f"mirdrake: {KINDS[fitting[0]].head}"
+        raise ConfigError(f"{source.where('mirdrake')}: is missing; write `{line}` as its first line")
+    return "diagram"
+
+
+def _keys(name: str) -> set[str]:
+    """Return the keys at the top of a file of a format."""
+    return set(_load(KINDS[name].model).model_fields)
 
 
 def check_file(path: Path, *, overrides: Iterable[str] = ()) -> None:

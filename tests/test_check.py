@@ -218,6 +218,13 @@ def test_the_format_of_every_file_is_known(kind: str) -> None:
     assert {format_of(path) for path in paths} == {kind}
 
 
+def test_the_missing_first_line_of_a_world_is_named(call_command: Call, tmp_path: Path) -> None:
+    (tmp_path / "yard.yaml").write_text("ground: {surface: grass}\nprops: []\n")
+    code, _, err = call_command("check", str(tmp_path / "yard.yaml"))
+    assert code == 2
+    assert "mirdrake: is missing; write `mirdrake: world/1` as its first line" in err[-1]
+
+
 def test_a_data_set_is_checked_as_one(call_command: Call, tmp_path: Path) -> None:
     rows = "".join(f"{0.1 * index:.1f},{1 + 0.1 * (index % 5)}\n" for index in range(60))
     good = "mirdrake: data/1\ntime: {column: t}\nchannels: {vx: {column: v, unit: m/s}}\nlogs: [{file: drive.csv}]\n"

@@ -471,6 +471,14 @@ def test_a_fault_of_an_element_is_a_one_line_error(pair: list[str], text: str) -
     assert "\n" not in str(error.value)
 
 
+def test_the_line_that_adds_a_mounted_sensor_is_named() -> None:
+    spec = with_blocks([["ego.front_lidar", "notch.u"]], notch={"kind": "gain", "gain": 1.0}) | {
+        "sensors": {"ego": ["imu"]}
+    }
+    with pytest.raises(ConfigError, match=r"'front_lidar' is mounted .*; write `sensors: {ego: \[imu, front_lidar\]}`"):
+        assemble(spec)
+
+
 def test_a_port_and_an_element_of_it_are_not_both_fed() -> None:
     foot = {"kind": "constant", "value": [0.5]}
     feet = {"kind": "constant", "value": [0.5, 0.0, 1.0]}
@@ -485,6 +493,7 @@ def test_a_port_and_an_element_of_it_are_not_both_fed() -> None:
 def test_draw_lists_all_ports_with_their_elements(capsys: pytest.CaptureFixture[str]) -> None:
     assert mir_main(["ports", "bolt_test_track"]) == 0
     lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) < 1500  # front_lidar has 181 beams
     known = assemble("bolt_test_track")
     for ports in (known.outputs, known.inputs):
         for port in ports:

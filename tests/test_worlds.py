@@ -277,7 +277,7 @@ def test_a_fault_is_named_with_its_line(text: str, expected: str):
 
 
 def test_the_version_of_the_language_is_required():
-    with pytest.raises(ConfigError, match=r"w\.yaml: mirdrake: is missing|w\.yaml:1: mirdrake: is missing"):
+    with pytest.raises(ConfigError, match=r"^w\.yaml:1: mirdrake: is missing; write `mirdrake: world/1` as its first"):
         parse_yaml("name: x", WorldSpec, name="w.yaml")
     with pytest.raises(ConfigError, match="'world/2' is not allowed"):
         parse_yaml("mirdrake: world/2", WorldSpec, name="w.yaml")

@@ -270,7 +270,8 @@ def assemble(
     # The scene graph moves every frame in each step of the plant, so that it gets actors only if something sees them.
     if meshcat is not None or drawn or sensors_of(spec):
         parts = replace(parts, actors=add_actors(parts.scene_graph, world, parts.actors))
-    wiring = Wiring(builder, spec, factories=factories or {})
+    mounted = {name: vehicle.sensors.mounts for name, vehicle in vehicles.items()}
+    wiring = Wiring(builder, spec, factories=factories or {}, mounted=mounted)
     add_traffic(wiring, parts, spec)
     # Tyres come first: the vehicles' systems connect the actuators to them.
     readings, tyres = add_tyres(wiring, parts)

@@ -1,6 +1,6 @@
 """The ports of a diagram under construction by name, and their connections."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
@@ -45,6 +45,7 @@ class Wiring:
         inner: inputs that are connected within a subsystem.
         open: inputs that become inputs of the diagram if nothing is connected to them.
         read: outputs that are connected.
+        mounted: sensors of each vehicle, in use or not.
     """
 
     builder: DiagramBuilder
@@ -59,6 +60,7 @@ class Wiring:
     inner: set[str] = field(default_factory=set)
     open: set[str] = field(default_factory=set)
     read: set[str] = field(default_factory=set)
+    mounted: Mapping[str, Collection[str]] = field(default_factory=dict)
 
     def add(self, name: str, system: System) -> None:
         """Add a system under a name; the ports of a user system are named ``name.port``."""
@@ -140,6 +142,15 @@ class Wiring:
         if _port_of(name, others):
             other = {"output": "an input", "input": "an output"}[kind]
             raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
+
+        # A sensor has ports only if the diagram uses it.
+        vehicle, _, rest = name.partition(".")
+        sensor, used = rest.partition(".")[0], self.spec.sensors.get(vehicle, [])
+        if kind == "output" and sensor in self.mounted.get(vehicle, ()) and sensor not in used:
+            line = f"sensors: {{{vehicle}: [{', '.join([*used, sensor])}]}}"
+            raise ConfigError(
+                f"{place}: unknown output '{name}': the sensor '{sensor}' is mounted but not in use; write `{line}`"
+            )
 
         # Unknown name: list the ports of the longest beginning that exists, and the nearest name.
         owner, own = self._nearest_owner(name, ports)

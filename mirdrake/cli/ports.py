@@ -5,6 +5,7 @@ from fnmatch import fnmatchcase
 
 from mirdrake.cli.common import add_set, add_trust, assemble_for_display, skipped_lines
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.signals import Signals
 
 MORE = """\
 Outputs may be named first in `connect`, inputs second; an element is named behind a dot: [ego.state.vx, notch.u].
@@ -14,6 +15,9 @@ examples:
   mirdrake ports bolt_test_track
   mirdrake ports bolt_test_track 'ego.control.*'"""
 
+MOST_ELEMENTS = 50
+"""Largest number of elements of a port that are listed one by one."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
@@ -21,6 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("pattern", nargs="?", default="*", help="only ports of these names, as 'ego.control.*'")
     add_set(parser)
     add_trust(parser)
+
+
+def _listed(contents: Signals) -> str:
+    """Return the elements of a port with their units; of many elements, the first and the last."""
+    elements = [f"{signal.name} [{signal.unit or '-'}]" for signal in contents]
+    if len(elements) > MOST_ELEMENTS:
+        return f"{elements[0]} … {elements[-1]}, {len(elements)} elements"
+    return ", ".join(elements)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -37,8 +49,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"{title}:")
         width = max(map(len, ports), default=0)
         for name, contents in ports.items():
-            elements = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents or ())
-            print(f"  {name:{width}}  {elements}".rstrip())
+            print(f"  {name:{width}}  {_listed(contents or ())}".rstrip())
     for line in skipped_lines(skipped, "listed"):
         print(f"  {line}")
     return 0

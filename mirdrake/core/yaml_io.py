@@ -310,6 +310,9 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
         code = "missing_key"
         path = (*path, location[-1])
         message = "is missing"
+        if path == ("mirdrake",) and not source.prefix:
+            head = json_schema()["properties"]["mirdrake"]["const"]
+            message = f"is missing; write `mirdrake: {head}` as its first line"
     elif kind == "union_tag_invalid":
         code = "unknown_kind"
         tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
