@@ -1,5 +1,6 @@
 """The report of a run: a drive on the test track with synthetic signals of a path follower with noise."""
 
+import json
 import re
 from collections import Counter
 from dataclasses import replace
@@ -19,9 +20,12 @@ from mirdrake.core.curves import thin
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
 from mirdrake.report.drive import _colour_classes, draw_drive, own_track
+from mirdrake.report.figures import Curve, Panel, _limits
+from mirdrake.report.map_labels import Labels
+from mirdrake.report.map_sheet import Sheet, text_length
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
-from mirdrake.report.vehicle_charts import VehicleSignals
+from mirdrake.report.vehicle_charts import VehicleSignals, _plan_loads
 from mirdrake.report.words import format_duration, format_quantity, format_significant, format_time, title_case
 from mirdrake.runs.logs import Event, Run
 from mirdrake.vehicles import load_vehicle
@@ -489,14 +493,56 @@ def test_inner_signals_have_a_chart_for_each_block(tmp_path):
         "ego.control.speed_pid.integral": np.cos(time),
         "ego.control.ackermann.left": 0.1 * np.sin(time),
         "filter.y": time,
+        "limit.speed": time,
+        "limit.distance": 10.0 * time,
     }
     units = dict(run.units) | {"ego.control.speed_pid.output": "m/s", "ego.control.ackermann.left": "rad"}
-    spec = dict(run.spec) | {"systems": {"filter": {"kind": "gain"}}}
+    spec = dict(run.spec) | {"systems": {"filter": {"kind": "gain"}, "limit": {"kind": "own:Limit"}}}
     page = render_report(replace(run, table=run.signals.assign(**inner), units=units, spec=spec))
     assert re.findall(r'<figure id="inner-\d+">\s*<div class="head"><h3>(.*?)</h3>', page) == [
-        "ego.control.speed_pid", "ego.control.ackermann", "filter",
+        "ego.control.speed_pid", "ego.control.ackermann", "filter", "limit",
     ]  # fmt: skip
+    # Signals without a unit are of different kinds: each has axes of its own.
+    chart = page[page.index("<h3>limit</h3>") :]
+    panels = json.loads(re.findall(r"data-panels=['\"](.*?)['\"]", chart)[0].replace("&quot;", '"'))
+    assert len(panels) == 2
     assert "Inner signals" not in render_report(run)
+
+
+def test_a_drop_to_zero_is_not_reported_as_cut_off_by_an_axis_from_zero():
+    values = np.full(1000, 150.0) + np.linspace(0.0, 1.0, 1000)
+    values[0] = 0.0
+    low, _, note = _limits(Panel("load", "N", [Curve("left", values, "left")], zero=True, trim=0.5))
+    assert (low, note) == (0.0, "")
+    values[1] = 900.0
+    low, high, note = _limits(Panel("load", "N", [Curve("left", values, "left")], zero=True, trim=0.5))
+    assert high < 900.0
+    assert note == "spikes to 900\u00a0N not shown"
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "kN"), (0.05, "N")])
+def test_loads_below_1_kn_are_in_newtons(scale, unit):
+    signals = drive_track("ego", duration=5.0, rate=50.0)
+    for wheel in WHEELS:
+        signals[f"ego.wheel_load.{wheel}"] *= scale
+    plan = _plan_loads(VehicleSignals(signals, "ego"))
+    assert plan is not None
+    assert {panel.unit for panel in plan[2]} == {unit}
+
+
+def test_labels_are_beside_props_if_there_is_room():
+    place = (196.0, 146.0, 204.0, 154.0)
+    for prop, left in (
+        ((900.0, 0.0, 901.0, 1.0), 208.0),
+        ((204.0, 140.0, 260.0, 160.0), 192.0 - text_length("end", 12.0)),
+    ):
+        labels = Labels(Sheet((0.0, 0.0), 10.0, (400.0, 300.0)))
+        labels.avoid_prop(prop)
+        assert labels.write_beside([place], "end")  # to the right of the place, else to its left
+        assert f'x="{left:.2f}"' in labels.elements[0]
+    labels = Labels(Sheet((0.0, 0.0), 10.0, (400.0, 300.0)))
+    labels.avoid_prop((0.0, 0.0, 400.0, 300.0))
+    assert labels.write_beside([place], "end")  # better over a prop than nowhere
 
 
 def test_the_colour_scale_of_a_car_that_starts_from_rest_begins_at_zero():

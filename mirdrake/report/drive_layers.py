@@ -180,6 +180,8 @@ def marks(lines: Sequence[DrivenLine], places: Sequence[Place]) -> Layer:
     def draw(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         labels = Labels(sheet, paper=palette.paper)
         labels.block(scale_bar_box(sheet))
+        for placed in world.props:
+            labels.avoid_prop(sheet.bounds(placed.footprint))
         edge = f'fill="{palette.paper}" stroke="{palette.ink}" stroke-width="1.6"'
         wanted: list[tuple[int, Box, str, int]] = []
         for line in lines:

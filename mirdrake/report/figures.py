@@ -255,19 +255,22 @@ def _limits(panel: Panel) -> tuple[float, float, str]:
     values = values[np.isfinite(values)]
     if not len(values):
         return 0.0, 1.0, "no values"
-    low, high, note = float(values.min()), float(values.max()), ""
+    lowest, highest = float(values.min()), float(values.max())
+    low, high = lowest, highest
     if panel.trim and len(values) > 200:
         # Percentiles ignore short spikes; with few samples they are not meaningful.
         bottom, ceiling = (float(value) for value in np.percentile(values, (panel.trim, 100.0 - panel.trim)))
         reach = ceiling - bottom
         if high - low > 3.0 * reach > 0.0:
-            peak = max(high, low, key=lambda end: max(end - ceiling, bottom - end))
             low, high = max(low, bottom - 0.3 * reach), min(high, ceiling + 0.3 * reach)
-            note = f"spikes to {format_quantity(peak, panel.unit)} not shown"
     if panel.zero:
         low, high = min(low, 0.0), max(high, 0.0)
     # The third term keeps constant curves from a range of zero.
     room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
     if high - low < 1e-9:
         room = max(0.1 * abs(high), 0.1)
-    return (low if panel.zero and low == 0.0 else low - room), high + room, note
+    low, high = (low if panel.zero and low == 0.0 else low - room), high + room
+    # Only what is outside of the final limits is reported: an axis from 0 shows all drops to 0.
+    peak = max(highest, lowest, key=lambda end: max(end - high, low - end))
+    note = "" if low <= peak <= high else f"spikes to {format_quantity(peak, panel.unit)} not shown"
+    return low, high, note

@@ -21,7 +21,7 @@ def make_inner_charts(
     systems: Iterable[str],
     marks: Sequence[float] = (),
 ) -> list[Chart]:
-    """Return a chart for each block with recorded signals, with a panel for each unit.
+    """Return a chart for each block with recorded signals, with a panel for each unit, or port without unit.
 
     Args:
         signals: all signals, one row per stamp.
@@ -59,12 +59,15 @@ def _chart(
 ) -> Chart | None:
     """Return the chart of a block; None if none of its signals has a finite value."""
     finite = {name: values for name, values in columns.items() if np.isfinite(values).any()}
-    # One panel for each unit, and no more curves in it than there are colours.
-    by_unit: dict[str, list[str]] = {}
+    # One panel for each unit, and no more curves in it than there are colours. Signals without a unit may be of
+    # different kinds, such as a speed and a distance: each port of them has its own panel.
+    by_unit: dict[tuple[str, str], list[str]] = {}
     for name in finite:
-        by_unit.setdefault(units.get(name, ""), []).append(name)
+        unit = units.get(name, "")
+        port = "" if unit not in {"", "1"} else name.removeprefix(f"{block}.").partition(".")[0]
+        by_unit.setdefault((unit, port), []).append(name)
     panels = []
-    for unit, names in by_unit.items():
+    for (unit, _), names in by_unit.items():
         for start in range(0, len(names), len(COLOURS)):
             short = [name.removeprefix(f"{block}.") for name in names[start : start + len(COLOURS)]]
             label = _common_start(short)

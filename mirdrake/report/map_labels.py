@@ -36,12 +36,16 @@ class Labels:
 
     def __init__(self, sheet: Sheet, *, paper: str = DOCUMENT.paper) -> None:
         self._sheet, self._paper = sheet, paper
-        self._texts, self._things, self._roads = _Boxes(), _Boxes(), _Boxes()
+        self._texts, self._things, self._roads, self._props = _Boxes(), _Boxes(), _Boxes(), _Boxes()
         self.elements: list[str] = []
 
     def block(self, box: Box, *, text: bool = False) -> None:
         """Keep labels out of a box; with `text`, also labels inside props."""
         (self._texts if text else self._things).add(box)
+
+    def avoid_prop(self, box: Box) -> None:
+        """Prefer positions of labels that are outside of the box of a prop, even if they are on a road."""
+        self._props.add(box)
 
     def avoid(self, points: Array, reach: float) -> None:
         """Prefer positions of labels that are away from points of the picture."""
@@ -87,12 +91,15 @@ class Labels:
         return False
 
     def write_beside(self, boxes: Iterable[Box], text: str, *, color: str = INK, weight: int = 400) -> bool:
-        """Write a label beside the first box of the picture with free room, if possible off the roads."""
+        """Write a label beside the first box of the picture with free room, if possible off the props and roads."""
         boxes = list(boxes)
-        # First off the roads, then anywhere: a label on a road is better than none.
-        return any(self._write_beside(boxes, text, color, weight, avoid=avoid) for avoid in (True, False))
+        # First off props and roads, then off the props, then anywhere: a label on a road is better than none.
+        choices = ((self._props, self._roads), (self._props,), ())
+        return any(self._write_beside(boxes, text, color, weight, avoided=avoided) for avoided in choices)
 
-    def _write_beside(self, boxes: Sequence[Box], text: str, color: str, weight: int, *, avoid: bool) -> bool:
+    def _write_beside(
+        self, boxes: Sequence[Box], text: str, color: str, weight: int, *, avoided: "Sequence[_Boxes]"
+    ) -> bool:
         # Places are tried in the order in which maps are read: right, above, below, left, then the corners; then
         # further away.
         long, high = text_length(text, 12.0, bold=weight > 500), 15.0
@@ -105,7 +112,8 @@ class Labels:
                     (x1 + gap / 2.0, y1 + gap / 2.0), (x0 - gap / 2.0 - long, y0 - gap / 2.0 - high),
                     (x0 - gap / 2.0 - long, y1 + gap / 2.0),
                 ):  # fmt: skip
-                    if avoid and not self._free((left, top, left + long, top + high), self._roads):
+                    box = (left, top, left + long, top + high)
+                    if not all(self._free(box, taken) for taken in avoided):
                         continue
                     if self._write(left, top, (long, high), text, color, weight):
                         return True

@@ -362,4 +362,5 @@ def _scale_bar(figure: Figure, bounds: Array) -> None:
     axes.spines["bottom"].set_visible(False)
     axes.yaxis.tick_right()
     axes.set_yticks(range(SCALE_STEPS + 1), [format_quantity(float(value)) for value in bounds])
-    axes.set_title("Cost", fontsize=12.0, color=THEME["muted"], loc="left")
+    # Above the number of the upper end, which is half a line higher than the bar.
+    axes.set_title("Cost", fontsize=12.0, color=THEME["muted"], loc="left", pad=14.0)

@@ -42,7 +42,9 @@ def draw_front(
         axes.plot(*front.T, color=THEME["ink"], linewidth=1.3, drawstyle="steps-post")
         knee = front[find_knee(front)]
         axes.plot(*knee, marker="D", markersize=9.0, color=THEME["own3"], linestyle="none", zorder=4)
-        axes.annotate("knee", knee, xytext=(9, 7), textcoords="offset points", color=THEME["own3"], fontsize=12.0)
+        # No trial is below and to the left of the Pareto front.
+        axes.annotate("knee", knee, xytext=(-6, -6), textcoords="offset points", color=THEME["own3"], fontsize=12.0,
+                      ha="right", va="top")  # fmt: skip
         _trim(axes, values, front, [point for _, point in marks])
     # The candidates of the page are ringed in their colours.
     for entry, point in marks:

@@ -92,7 +92,7 @@ def make_charts(
         _plan_lateral_error(signals, road_width, geometry.get("body_width"), road_edges),
         _plan_yaw_rate(signals, geometry.get("wheelbase")),
         _plan_wheels(signals, "wheel_torque", "Wheel torques", "torque", "N m", "torques", 1.0),
-        _plan_wheels(signals, "wheel_load", "Contact: wheel loads", "load", "kN", "loads", 1e-3),
+        _plan_loads(signals),
         _plan_wheels(
             signals,
             "wheel_contact_torque",
@@ -233,6 +233,13 @@ def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | N
         curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
         caption += f" Dashed: kinematic yaw rate, without sideslip; wheelbase L\u00a0=\u00a0{wheelbase:.2f}\u00a0m."
     return "yaw-rate", "Yaw rate", [Panel("Yaw rate", "°/s", curves, zero=True)], caption
+
+
+def _plan_loads(signals: VehicleSignals) -> Plan | None:
+    names = [f"wheel_load.{axle}_{side}" for axle in _AXLES for side in _SIDES]
+    usual = max((float(np.nanmedian(signals[name])) for name in names if signals.has(name)), default=0.0)
+    unit, factor = ("kN", 1e-3) if usual >= 1000.0 else ("N", 1.0)
+    return _plan_wheels(signals, "wheel_load", "Contact: wheel loads", "load", unit, "loads", factor)
 
 
 def _plan_wheels(
