@@ -20,10 +20,12 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.runs.logs import load_run
 from mirdrake.runs.simulation import simulate
 from mirdrake.viewer.cockpit import Cockpit, OpenCockpit, drive_spec
+from mirdrake.viewer.cockpit.drive import follow_track
 from mirdrake.viewer.cockpit.pace import BEHIND
 from mirdrake.viewer.cockpit.shapes import arrows, ribbon
 from mirdrake.viewer.meshcat import make_meshcat
 from mirdrake.viewer.replay import write_replay
+from mirdrake.worlds import load_world
 
 Readings = Mapping[str, Any]
 
@@ -180,6 +182,20 @@ def test_reset_returns_the_vehicle_and_keeps_the_gains():
         assert readings["speed"] == pytest.approx(0.0, abs=0.1)
         assert cockpit.gain("speed.ki") == 0.25
         assert cockpit.gain("speed.kp") == 1.0
+
+
+def test_the_place_on_a_track_does_not_alternate_between_two_parts_that_are_equally_near():
+    # Both circles of the figure eight touch at the origin, and the point is on their common tangent.
+    track = load_world("skidpad").tracks["eight"]
+    place, first = follow_track(track, -15.0, 0.0, None)
+    assert abs(first) == pytest.approx(np.hypot(15.0, 9.125) - 9.125, abs=1e-6)
+    for number in range(20):
+        place, lateral = follow_track(track, -15.0, 1e-6 * (-1.0) ** number, place)
+        assert lateral == pytest.approx(first, abs=1e-4)
+    # Another part that is clearly nearer is taken: the middle of the centre line on either side.
+    for y in (-18.25, 18.25):
+        place, lateral = follow_track(track, 0.0, y, place)
+        assert lateral == pytest.approx(0.0, abs=1e-6)
 
 
 def test_inner_signals_are_among_the_readings():

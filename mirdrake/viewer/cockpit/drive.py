@@ -37,12 +37,35 @@ from mirdrake.viewer.cockpit.picture import Picture
 from mirdrake.viewer.cockpit.start import NAME, manual_limits
 from mirdrake.viewer.cockpit.watchdog import TIMEOUT, InputWatchdog
 from mirdrake.viewer.meshcat import meshcat_faults
+from mirdrake.worlds import Track
 
 SLICE = 1.0 / 64.0
 """Simulated time between two readings of the input [s]."""
 
 BLOCK = 0.25
 """Simulated time between two readings of the logs [s]."""
+
+
+def follow_track(track: Track, x: float, y: float, last: float | None) -> tuple[float, float]:
+    """Return the place on a track that is nearest to a point, near the last place until another is clearly nearer.
+
+    Where two parts of a track are equally near, the nearest place would alternate between them.
+
+    Args:
+        track: the track.
+        x: world x [m].
+        y: world y [m].
+        last: the last place [m]; None at the start.
+
+    Returns:
+        s [m], and the lateral distance e_y to the centre line there [m], + left.
+    """
+    nearest = track.project(x, y)
+    if last is None:
+        return nearest
+    kept = track.project(x, y, near=last)
+    # Half a road width is more than the noise of a standing vehicle and less than the distance of two roads.
+    return kept if abs(kept[1]) < abs(nearest[1]) + 0.5 * track.width else nearest
 
 
 class Cockpit:
@@ -91,6 +114,8 @@ class Cockpit:
         driver = systems[f"{NAME}.driver"]
         assert isinstance(driver, HumanDriver)
         self._driver, self._truth, self._control = driver, systems[f"{NAME}.truth"], systems[f"{NAME}.control"]
+        self._track = self.assembly.parts.world.tracks.get(self.assembly.tracks[NAME] or "")
+        self._progress: float | None = None
         self._simulator = self.assembly.make_simulator()
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         self._simulator.set_monitor(self._watch)
@@ -368,9 +393,9 @@ class Cockpit:
             # JSON has no NaN or infinity.
             "signals": [value if isfinite(value) else None for tap in self._plotted for value in self._inner(tap)],
         }
-        if self._truth.HasOutputPort("path"):
-            path = self._truth.GetOutputPort("path").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
-            readings["lateral"], readings["progress"] = path[0], path[2]
+        if self._track is not None:
+            self._progress, readings["lateral"] = follow_track(self._track, x[0], x[1], self._progress)
+            readings["progress"] = self._progress
         self.readings = readings
 
     def _inner(self, tap: Tap) -> list[float]:
