@@ -126,6 +126,11 @@ def test_meshcat_has_no_port_of_its_own():
     assert "</body>" in offline.StaticHtml()
 
 
+def test_the_controls_are_open_if_asked():
+    opened = [b"viewer.gui.open()" in get(make_meshcat(port=0, controls=on).web_url())[1] for on in (False, True)]
+    assert opened == [False, True]
+
+
 def test_the_page_has_the_title_of_what_it_shows():
     for title, shown in (("bolt <1>", b"bolt &lt;1&gt;"), (None, b"mirdrake")):
         page = get((make_meshcat(port=0) if title is None else make_meshcat(port=0, title=title)).web_url())[1]

@@ -73,11 +73,11 @@ def view(real, monkeypatch):
 
 def test_each_own_joint_has_a_slider_within_its_limits_and_the_floating_base_has_none(view):
     vehicle_view, remote = view()
-    joints = {f"front_{side}_steering_joint" for side in ("left", "right")}
-    joints |= {f"{end}_{side}_wheel_joint" for end in ("front", "back") for side in ("left", "right")}
+    joints = {f"front {side} steering [rad]" for side in ("left", "right")}
+    joints |= {f"{end} {side} wheel [rad]" for end in ("front", "back") for side in ("left", "right")}
     assert set(remote.GetSliderNames()) == joints
-    remote.SetSliderValue("front_left_steering_joint", 5.0)
-    assert remote.GetSliderValue("front_left_steering_joint") == pytest.approx(0.6)
+    remote.SetSliderValue("front left steering [rad]", 5.0)
+    assert remote.GetSliderValue("front left steering [rad]") == pytest.approx(0.6)
     assert vehicle_view.shown == {"Frames": False, "Collision shapes": False, "Meshes": True}
 
 
@@ -85,7 +85,7 @@ def test_a_slider_turns_its_wheel_and_nothing_else(view):
     vehicle_view, remote = view()
     before = {path: pose.copy() for path, pose in remote.poses.items()}
     assert not vehicle_view.follow()
-    remote.SetSliderValue("front_left_steering_joint", 0.5)
+    remote.SetSliderValue("front left steering [rad]", 0.5)
     assert vehicle_view.follow()
     moved = {path for path, pose in remote.poses.items() if not np.allclose(pose, before[path], atol=1e-12)}
     assert moved == {f"/drake/frames/{name}" for name in ("front_left_knuckle", "front_left_wheel", "centre of mass")}

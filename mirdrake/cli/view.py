@@ -56,7 +56,10 @@ def run(options: argparse.Namespace) -> int:
 
     # A file is drawn by a Meshcat that serves no page.
     title = Path(options.name).stem
-    make = partial(make_meshcat, title=title) if options.out is None else make_offline_meshcat
+    # The sliders of a vehicle are in Meshcat's controls.
+    make = (
+        partial(make_meshcat, title=title, controls=kind == "models") if options.out is None else make_offline_meshcat
+    )
     sliders: Any = None
     diagram: Any = None
     views: tuple[Any, ...] = ()

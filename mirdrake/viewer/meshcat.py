@@ -22,7 +22,9 @@ SHADOWS = 16.0
 """Half the side of the square around the followed vehicle in which shadows are drawn [m]."""
 
 
-def make_meshcat(*, port: int | None = None, world: World | None = None, title: str = "mirdrake") -> Meshcat:
+def make_meshcat(
+    *, port: int | None = None, world: World | None = None, title: str = "mirdrake", controls: bool = False
+) -> Meshcat:
     """Return a Meshcat with a page on localhost; its ``web_url()`` is the address of the page, with a token.
 
     Meshcat itself has no port: see :mod:`mirdrake.viewer.server`. The page is served until the process
@@ -32,11 +34,12 @@ def make_meshcat(*, port: int | None = None, world: World | None = None, title: 
         port: None takes the first free one from 7000 on, 0 any free one; otherwise a free port from 1024 on.
         world: defines sky and sun, if given.
         title: of the page.
+        controls: whether Meshcat's controls are open at the start.
 
     Raises:
         RunError: the port is taken.
     """
-    server = PageServer("Meshcat", ports=range(7000, 8000) if port is None else [port], title=title)
+    server = PageServer("Meshcat", ports=range(7000, 8000) if port is None else [port], title=title, controls=controls)
     try:
         meshcat, upstream = make_private_meshcat(url=server.url)
     except RunError:

@@ -16,6 +16,11 @@ def with_title(page: str, title: str) -> str:
     return page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>", 1)
 
 
+def with_open_controls(page: str) -> str:
+    """Return a page of Meshcat whose controls are open, and wide enough for the names of sliders."""
+    return add_to_body(page, "<script>viewer.gui.width = Math.min(400, window.innerWidth); viewer.gui.open();</script>")
+
+
 def data_address(content: bytes, kind: str) -> str:
     """Return content of a media type as a ``data:`` address."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

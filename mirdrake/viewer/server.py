@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from mirdrake.core.errors import RunError
-from mirdrake.viewer.pages import with_title
+from mirdrake.viewer.pages import with_open_controls, with_title
 from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.websocket import (
     BINARY,
@@ -75,6 +75,7 @@ class PageServer:
         posts: functions by path that answer a posted JSON object, in threads of the server.
         upstream: Meshcat, for the page and files that `files` does not have.
         title: of the page, if it is that of `upstream`.
+        controls: whether the controls of Meshcat are open in the page of `upstream`.
         largest: largest size of a request body [byte].
 
     Attributes:
@@ -94,9 +95,10 @@ class PageServer:
         posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, object]]] | None = None,
         upstream: Upstream | None = None,
         title: str = "mirdrake",
+        controls: bool = False,
         largest: int = MOST,
     ) -> None:
-        self.largest, self.title = largest, title
+        self.largest, self.title, self.controls = largest, title, controls
         self.token, self.files, self.posts, self.upstream = secrets.token_urlsafe(16), files, posts or {}, upstream
         # Bound to the loopback address: other computers cannot connect.
         self._server = _listen(name, partial(_Handler, self), list(ports))
@@ -258,7 +260,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(status if status == 502 else 404)
             return None
         if path == "":
-            content = with_title(content.decode(), self._site.title).encode()
+            page = with_title(content.decode(), self._site.title)
+            content = (with_open_controls(page) if self._site.controls else page).encode()
         return content, kind
 
     def _tunnel(self) -> None:

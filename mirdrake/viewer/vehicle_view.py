@@ -57,6 +57,7 @@ class VehicleView:
         self._meshcat, self._diagram, self._plant, self._part = meshcat, diagram, plant, part
         self._context = diagram.CreateDefaultContext()
         self._joints = _moving_joints(plant, part)
+        self._labels = {name: slider_label(joint) for name, joint in self._joints.items()}
         self._values = dict.fromkeys(self._joints, 0.0)
         self._ranges: dict[str, tuple[float, float]] = {}
         set_start(plant, self._plant_context, part, x=0.0, y=0.0, yaw=0.0)
@@ -69,7 +70,7 @@ class VehicleView:
             # Fine enough for a small range, such as the travel of a stiff spring.
             step = 0.01 if reach[1] - reach[0] > 0.2 else (reach[1] - reach[0]) / 100.0
             self._ranges[name] = reach
-            meshcat.AddSlider(name, *reach, step, self._values[name])
+            meshcat.AddSlider(self._labels[name], *reach, step, self._values[name])
         shown = {"Frames": frames, "Collision shapes": collision, "Meshes": meshes}
         paths = ("frames",), ("collision",), ("visualizer", part.name)
         layers = dict(zip(shown, (self._path(*names) for names in paths), strict=True))
@@ -100,7 +101,7 @@ class VehicleView:
     def follow(self) -> bool:
         """Apply the present values of sliders and buttons; return whether anything has changed."""
         changed = self._layers.follow()
-        values = {name: self._clipped(name, self._meshcat.GetSliderValue(name)) for name in self._joints}
+        values = {name: self._clipped(name, self._meshcat.GetSliderValue(self._labels[name])) for name in self._joints}
         if values != self._values:
             self._values, changed = values, True
             self.publish()
@@ -137,6 +138,12 @@ class VehicleView:
 
     def _path(self, *names: str) -> str:
         return "/".join((WORLD_PATH, *names))
+
+
+def slider_label(joint: Joint) -> str:
+    """Return the label of the slider of a joint, such as ``front left steering [rad]``."""
+    unit = "m" if joint.type_name() == "prismatic" else "rad"
+    return f"{joint.name().removesuffix('_joint').replace('_', ' ')} [{unit}]"
 
 
 def show_vehicle(
