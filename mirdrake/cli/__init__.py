@@ -25,6 +25,8 @@ examples:
   mirdrake world import old.world             a world file from Gazebo; also from .xodr, .xml, .xosc, .gpx"""
 
 _IDENTIFY = """\
+`mirdrake identify run --help` lists the options of a study: --set, --out and others.
+
 examples:
   mirdrake identify new lap.csv                     write a data file for a log, with guesses as comments
   mirdrake identify check drives.yaml               check the logs before any fit
@@ -34,6 +36,8 @@ examples:
   mirdrake identify apply runs/study bolt           write the result and its source into vehicle.yaml"""
 
 _TUNE = """\
+`mirdrake tune run --help` lists the options of a study: --set, --workers, --out and others.
+
 examples:
   mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
   mirdrake tune apply runs/bolt_speed --dry-run"""
