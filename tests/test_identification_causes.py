@@ -158,6 +158,21 @@ def test_the_memory_that_all_residuals_share_enlarges_all_noise_alike(shared):
     assert noise["vy"] == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 1.0), (0.03, 1.5), (0.2, 0.2**0.5 * 1e3)])
+def test_outliers_are_a_few_samples_and_transients_that_do_not_fit_are_not(share, expected):
+    """White residuals of size 1, a share of them of size 1000: their root mean square is the root of the share."""
+    random = np.random.default_rng(0)
+    off = random.normal(size=(1, 50_000))
+    off[:, random.random(50_000) < share] *= 1e3
+    problem: Any = SimpleNamespace(
+        traces=lambda _: [off], model=SimpleNamespace(outputs=("vy",)), _measured=[np.zeros_like(off)],
+        masks=[np.ones_like(off, dtype=bool)],
+    )  # fmt: skip
+    noise = Problem.spread(problem, np.zeros(0))["vy"]
+    # Twice the 95th percentile of the sizes limits the outliers: their root mean square is less than the plain one.
+    assert 0.5 * expected < noise < 1.5 * expected
+
+
 def weave(seed, late):
     """Return a log of random steering."""
     random = np.random.default_rng(seed)

@@ -10,6 +10,9 @@ from mirdrake.identification.evidence import effective_samples
 from mirdrake.identification.models.base import Array, Model, Segment
 from mirdrake.identification.parameters import FitParameter
 
+OUTLIERS = 5.0
+"""Largest share of outliers in the residuals of an output [%]."""
+
 _START = 3.0
 """Standard deviation of the initial state from its guess over its scale: a weak prior."""
 
@@ -272,8 +275,11 @@ class Problem:
                 (trace[i] - seen[i])[mask[i]]
                 for trace, seen, mask in zip(traces, self._measured, self.masks, strict=True)
             ])  # fmt: skip
-            # Outliers are limited, so that glitches do not inflate the noise.
-            cutoff = 6.0 * float(np.median(np.abs(off))) if len(off) else 1.0
+            # Outliers are limited, so that glitches do not inflate the noise. What more than a few samples have is not
+            # an outlier: without noise, the bulk of a log may fit exactly and its transients not.
+            cutoff = 1.0
+            if len(off):
+                cutoff = max(6.0 * float(np.median(np.abs(off))), float(np.percentile(np.abs(off), 100.0 - OUTLIERS)))
             off = np.clip(off, -cutoff, cutoff)
             spread[name] = float(np.sqrt(np.mean(off**2))) or 1e-9
             memory[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
