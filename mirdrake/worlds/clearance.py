@@ -158,20 +158,30 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
         return result
     # Distances by a search tree; only the few pairs that overlap need the depth, which is expensive.
     touched: set[tuple[int, int]] = set()
-    for (low, high), outlines in volume.bands.items():
-        pairs = [(number, area) for number, prop in enumerate(solid) for area in prop.between(low, high)]
-        if not pairs:
+    nearest = np.full(index.size, math.inf)
+    # The largest slab first: most of the others then cannot be nearer, as the circles around them show.
+    slabs = sorted((_Placed(slab, poses[index]) for slab in volume.slabs), key=lambda slab: -slab.radius)
+    trees: dict[tuple[float, float], tuple[Any, NDArray[np.int64]]] = {}
+    for placed in slabs:
+        band = placed.slab.low, placed.slab.high
+        if band not in trees:
+            pairs = [(number, area) for number, prop in enumerate(solid) for area in prop.between(*band)]
+            trees[band] = shapely.STRtree([area for _, area in pairs]), np.array([number for number, _ in pairs])
+        tree, owners = trees[band]
+        if not owners.size:
             continue
-        owners, areas = np.array([number for number, _ in pairs]), [area for _, area in pairs]
-        tree = shapely.STRtree(areas)
-        for outline in outlines:
-            shapes: Any = shapely.polygons(place_outline(outline, poses[index]))
-            (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
-            result[index[row]] = np.minimum(result[index[row]], distance)
-            inside = np.flatnonzero(distance <= 0.0)
-            # All props that overlap, not only the nearest one found: the deepest overlap counts.
-            hit, area = tree.query(shapes[row[inside]], predicate="intersects")
-            touched |= set(zip(index[row[inside][hit]].tolist(), owners[area].tolist(), strict=True))
+        (row, _), away = tree.query_nearest(shapely.points(placed.middle), return_distance=True, all_matches=False)
+        near = row[away - placed.radius - _SPARE < np.maximum(nearest[row], _SPARE)]
+        if not near.size:
+            continue
+        shapes = placed.polygons(near)
+        (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
+        nearest[near[row]] = np.minimum(nearest[near[row]], distance)
+        inside = np.flatnonzero(distance <= 0.0)
+        # All props that overlap, not only the nearest one found: the deepest overlap counts.
+        hit, area = tree.query(shapes[row[inside]], predicate="intersects")
+        touched |= set(zip(index[near[row[inside][hit]]].tolist(), owners[area].tolist(), strict=True))
+    result[index] = nearest
     known: dict[tuple[int, ...], float] = {}
     for pose, number in sorted(touched):
         # A parked vehicle has thousands of equal poses; rounding makes them equal as keys.
