@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
@@ -215,7 +216,7 @@ def free_ways(clearances: Sequence[float], points: Array, paths: Paths, outline:
         end = np.maximum(rear - ahead, ahead - front)
         for way, width in zip(result, kept, strict=True):
             inside = (end < 0.0) & (beside < width)
-            hit = inside.any(axis=2)
+            hit: NDArray[np.bool_] = np.any(inside, axis=2)
             blocked = np.flatnonzero(hit.any(axis=1) & np.isinf(way[rows]))
             first = np.argmax(hit[blocked], axis=1)
             last = np.maximum(first - 1, 0)
