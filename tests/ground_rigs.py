@@ -157,12 +157,13 @@ class TyreEnergy:
             early_contacts, early_elastic, early_damped, yaw_rate = self._before
             power = -0.5 * (damped + early_damped)
             force = np.array([0.0, 0.0, -GRAVITY * plant.CalcTotalMass(own, [part.instance])])
-            for early, late, rubber, load, (fx, fy, _, _, _) in zip(
+            for early, late, rubber, load, (fx, fy, mz, _, _) in zip(
                 early_contacts, contacts, early_elastic, loads, forces, strict=True
             ):
                 power -= (load - rubber) * 0.5 * (early.rate + late.rate)
                 power += fx * 0.5 * (early.vx - early.spin * early.rolling + late.vx - late.spin * late.rolling)
                 power += fy * 0.5 * (early.vy + late.vy)
+                power += mz * 0.5 * (early.turn + late.turn)
                 power -= self._brake * 0.5 * abs(early.spin + late.spin)
                 # The vehicle yaws during the step, and its forces with it.
                 turn = 0.5 * part.period * yaw_rate
