@@ -164,7 +164,7 @@ def linear_car(assembly: Assembly, loads: np.ndarray, speed: float) -> np.ndarra
     return np.moveaxis(np.array(responses), 0, 2)
 
 
-@pytest.mark.parametrize(("step", "amplitude", "phase"), [(0.0025, 0.02, 3.0), (0.005, 0.05, 6.0)])
+@pytest.mark.parametrize(("step", "amplitude", "phase"), [(0.0025, 0.02, 3.0), (0.005, 0.05, 3.0)])
 def test_a_car_over_sines_has_the_responses_of_the_linear_car(
     tmp_path: Path, step: float, amplitude: float, phase: float
 ) -> None:
@@ -216,19 +216,22 @@ def test_a_car_over_sines_has_the_responses_of_the_linear_car(
 @pytest.mark.parametrize(
     "rows",
     [
-        [(0.0, 12.0, 0.0), (1.5, 12.0, 0.0), (1.51, 0.0, 0.0)],
-        [(0.0, 12.0, 0.0), (1.5, 12.0, 0.0), (1.9, 12.0, 0.05)],
+        [(0.0, 12.0, 0.0), (2.5, 12.0, 0.0), (2.51, 0.0, 0.0)],
+        [(0.0, 12.0, 0.0), (2.5, 12.0, 0.0), (2.9, 12.0, 0.05)],
     ],
     ids=["brake", "steer"],
 )
 def test_brake_and_steer_on_a_plate_as_on_the_plane(tmp_path: Path, rows: list[tuple[float, float, float]]) -> None:
-    """A plate of 20 mm, on which the car drives before: loads and forces within 1 % of their largest value."""
+    """A plate of 20 mm: loads and forces within 1 % of their largest value.
+
+    The speed that the edge takes from the car is regained before the manoeuvre begins.
+    """
     plate = {"box": [60.0, 40.0, 0.02], "at": [34.0, 0.0], "driven_over": True}
     plane, raised = (
-        drive(tmp_path, rows=rows, speed=12.0, duration=3.0, world={"props": props}, relief=[{"plane": {}}])
+        drive(tmp_path, rows=rows, speed=12.0, duration=4.0, world={"props": props}, relief=[{"plane": {}}])
         for props in ([], [plate])
     )
-    late = plane.index > 1.5
+    late = plane.index > 2.5
     assert (raised["ego.z"] - plane["ego.z"])[late].mean() == pytest.approx(0.02, abs=5e-4)
     for names in (WHEEL_LOADS, TYRE_FX, TYRE_FY):
         largest = max(plane[names].abs().to_numpy().max(), 100.0)

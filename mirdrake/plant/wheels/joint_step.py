@@ -3,15 +3,23 @@
 Drake's contact solver also solves servos, joint damping and joint limits, implicitly. Without it (continuous plant, see
 :mod:`mirdrake.plant.plant`) they are solved here, one joint at a time, linearly implicit::
 
-    (I / dt + D / 2 + d + k dt) Δv = R + F + k (q* - q - v dt) + d (v* - v)
+    (I / dt + w D + d + k dt) Δv = R + F - D v + α D (v0 - v) + k (q* - q - v dt) + d (v* - v)
 
 with the inertia I of the joint, its damping D, the gains k and d of its servo with the set-points q* and v*, the known
 force F (road, motor), and R the force of all other sources: the part of the last change of v that the other terms do
-not explain. The servo has the implicit Euler rule, stable for any gain, and the damping the trapezoidal rule. The force
-of the servo is k (q* - q - v dt) + d (v* - v) - (d + k dt) Δv, within its limit.
+not explain. The servo has the implicit Euler rule, stable for any gain. Its force is k (q* - q - v dt) + d (v* - v) -
+(d + k dt) Δv, within its limit.
 
-The plant applies the damping -D v of the beginning of the step by itself; -D Δv / 2 is added here. A joint that would
-pass a limit gets the force that stops it there at the end of the step: a plastic impact.
+The velocities v0, v and v + Δv of three steps lie half a step beside the positions, at which forces act. The damper
+takes the value of their parabola there, so α = 1/8 and w = 1/2 - α: an error of third order in dt. The trapezoidal
+rule, α = 0, is 6 % too weak at 20 Hz and 5 ms. For stiff dampers, a = D dt / I,
+
+    α = max(0, 1 - a / 2) / 8,    w = max(1 / 2, 1 - 1 / a) - α.
+
+Above a = 2 the damper alone stops the joint within the step.
+
+The plant applies -D v by itself; the rest is added here. A joint that would pass a limit gets the force that stops it
+there at the end of the step: a plastic impact.
 
 The joint of one wheel hardly moves the others: I is the inverse of its diagonal element of the inverse mass matrix. The
 scheme is stable while I is less than 4/3 of the true inertia.
@@ -96,8 +104,15 @@ def joint_steps(
     for i in range(first, len(joints)):
         joint, before, kept = joints[i], memories[i], after[i]
         q, v = x[joint.position], x[positions + joint.velocity]
-        rest = joint.inertia * (v - before.rate) / period - before.force if before.begun > 0.0 else 0.0
-        known, mobile = force[joint.velocity], joint.inertia / period + 0.5 * joint.damping
+        # Parabola of the damper; a heavily damped joint has the trapezoidal rule or is stopped.
+        stiff = joint.damping * period / joint.inertia
+        curved = 0.125 * max(0.0, 1.0 - 0.5 * stiff)
+        weight = (max(0.5, 1.0 - 1.0 / stiff) if stiff > 0.0 else 0.5) - curved
+        rest, damper = 0.0, 0.0
+        if before.begun > 0.0:
+            rest = joint.inertia * (v - before.rate) / period - before.force + joint.damping * (before.rate - v)
+            damper = curved * joint.damping * (before.rate - v)
+        known, mobile = force[joint.velocity] + damper, joint.inertia / period + weight * joint.damping
         if joint.actuator >= 0:
             servo, gain = servo_effort(joint, x, positions, efforts, desired, period, rest + known, mobile)
             torque = servo - gain * (rest + known + servo) / (mobile + gain)
@@ -108,8 +123,8 @@ def joint_steps(
         end = q + period * (v + change)
         beyond = max(0.0, end - joint.upper) + min(0.0, end - joint.lower)
         change -= beyond / period
-        added = -0.5 * joint.damping * change - beyond * joint.inertia / (period * period)
-        force[joint.velocity] += added
+        added = -weight * joint.damping * change - beyond * joint.inertia / (period * period)
+        force[joint.velocity] += damper + added
         kept.begun, kept.rate, kept.force = 1.0, v, known + added
 
 
