@@ -20,8 +20,8 @@ So the force is conservative: no shape of the ground gives energy to a rolling t
 The tyre envelops short waves and bridges gaps. Both integrals are sums over samples along the disc of the difference to
 the tangent plane below the wheel, plus the closed form of that plane, so they are exact on every plane.
 Where the disc is far from the ground, only every eighth sample is taken.
-Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an obstacle under one side of the tyre: it deflects
-the tyre by half and tilts the effective plane. The force still acts in the middle plane of the wheel.
+Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an obstacle under one side of the tyre. It
+changes the deflection and tilts the effective plane. The force still acts in the middle plane of the wheel.
 """
 
 from collections.abc import MutableSequence, Sequence
