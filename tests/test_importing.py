@@ -1392,7 +1392,7 @@ def test_springs_of_one_axle_stay_and_the_other_axle_is_almost_rigid(fixed, spru
     rate = K if kind == "prismatic" else K / 0.5**2
     values = {key: number.value for key, number in result.springs.numbers.items()}
     assert values[f"{sprung_end}_stiffness"] == pytest.approx(rate)
-    assert values[f"{rigid_end}_stiffness"] == pytest.approx(5.0 * result.estimates.tyre_point_stiffness)
+    assert values[f"{rigid_end}_stiffness"] == pytest.approx(5.0 * result.estimates.tyre_stiffness)
     assert values[f"{rigid_end}_anti_roll"] == 0.0
     assert reports(result, f"suspension: {rigid_end} springs", "none", "please check", "no springs at this axle")
     assert result.total_mass() == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)

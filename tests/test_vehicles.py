@@ -361,9 +361,9 @@ def test_a_moving_link_without_mass_is_rejected(copy: Path) -> None:
         ),
         (
             "contact",
-            'tyre_modulus" value="1e7"',
-            'tyre_modulus" value="-1"',
-            "<drake:hydroelastic_modulus> value '-1' should be a finite number above zero",
+            'tyre_stiffness" value="2e5"',
+            'tyre_stiffness" value="-1"',
+            "<drake:point_contact_stiffness> value '-1' should be a finite number above zero",
         ),
         (
             "properties",

@@ -19,19 +19,16 @@ from mirdrake.vehicles.traction import Axles
 BOLT_RADIUS = 0.3234
 """Wheel radius of the Bolt [m], the reference of all time scales."""
 
-HYDROELASTIC_COMPRESSION = (0.021, 0.055)
-"""Tyre compression over wheel radius in hydroelastic contact under a quarter of the weight: of the Bolt, and the
-largest of smaller wheels.
+TYRE_COMPRESSION = 0.061
+"""Tyre compression over wheel radius under a quarter of the weight: car tyres have about 200 kN/m, the Bolt's deflects
+by 20 mm."""
 
-Drake computes the contact patch at the position of the wheel before the step. If the patch moves by its half length
-sqrt(2 R d) or more in a step, the vehicle lifts and loses grip. Wheels smaller than the Bolt's are therefore softer, in
-inverse proportion to the radius. Measured at steps of 5 ms with R = 0.13 m and rear drive: accelerating with 3 m/s² to
-9.5 m/s ends in a spin at 0.021 and 0.035, and follows the set-point within 1.4 % at 0.055; a circle at 4 m/s² becomes
-0.15 % wider.
+PATCH_LENGTH = (0.205, 0.332)
+"""Half length of the contact patch over wheel radius, *assumed*: of the Bolt, 66 mm, and the largest of smaller wheels.
+
+That of smaller wheels is larger in inverse proportion to the root of the radius. The flattened length is shorter than
+the chord of the compressed circle, since the tread is bent at both ends of the patch.
 """
-
-POINT_COMPRESSION = 0.061
-"""Tyre compression over wheel radius in point contact: car tyres have about 200 kN/m, the Bolt's deflects by 20 mm."""
 
 ROBOT_MASS = 100.0
 """Mass below which a vehicle counts as a robot, without hand wheel and cabin; model cars give its estimates [kg]."""
@@ -126,21 +123,11 @@ class Estimates:
     pitch_inertia: float = _quantity(
         "pitch inertia, whole vehicle", "kg m²", "body as a homogeneous box, plus wheels and knuckles"
     )
-    tyre_modulus: float = _quantity(
-        "hydroelastic modulus",
-        "Pa",
-        "compression of 0.021 radii under a quarter of the weight (Bolt); up to 0.055 radii for radii below 0.32 m, "
-        "so that the patch is long enough for steps of 5 ms",
-    )
-    tyre_resolution: float = _quantity("mesh hint", "m", "0.155 wheel radii; Bolt 0.05 m")
     tyre_dissipation: float = _quantity(
-        "dissipation",
-        "s/m",
-        "0.85 over the speed of the tread towards the road at top speed, so that the patch does not break up; Bolt "
-        "0.1 s/m",
+        "dissipation", "s/m", "0.85 over the speed of the tread towards the road at top speed; Bolt 0.1 s/m"
     )
-    tyre_point_stiffness: float = _quantity(
-        "stiffness in point contact", "N/m", "compression of 0.061 radii under a quarter of the weight; Bolt 2e5 N/m"
+    tyre_stiffness: float = _quantity(
+        "stiffness", "N/m", "compression of 0.061 radii under a quarter of the weight; Bolt 2e5 N/m"
     )
     friction: float = _quantity(
         "friction coefficient of the tyre", "-", "0.9, a car tyre on dry asphalt (Bolt 0.82 to 1.04)"
@@ -368,9 +355,8 @@ def estimate(
         parts=(wheel_mass, knuckle_mass),
     )
 
-    # Contact of the tyre: softer for small wheels, so that the patch is long enough for the step of the plant.
-    soft, softest = HYDROELASTIC_COMPRESSION
-    compression = min(soft * max(BOLT_RADIUS / radius, 1.0), softest)
+    long, longest = PATCH_LENGTH
+    half_patch = radius * min(long * max(sqrt(BOLT_RADIUS / radius), 1.0), longest)
     wheel_speed_limit = min(130.0, 45.0 / radius) if top_speed is None else top_speed / radius
     max_torque = 0.5 * mass * GRAVITY * radius
     # Largest accelerations by grip and torque of the driven axles.
@@ -379,17 +365,14 @@ def estimate(
     )
     friction, torque = 0.9, max_torque / (mass * radius)
     forward, backward = (RESERVE * min(axles.largest(friction, 0.0, backward=end), torque) for end in (False, True))
-    # A flat strip on the wedge mesh, whose pressure is E depth / R: load = (4/3) w E d sqrt(2 R d) / R with d = c R.
-    modulus = 0.75 * load / (sqrt(2.0) * compression**1.5 * wheel_width * radius)
-    # The tread comes down with v a / R at the front end of the patch; a = sqrt(2 R d) is its half length.
-    downward = wheel_speed_limit * radius * sqrt(2.0 * compression)
+    # The tread comes down with v a / R at the front end of the patch of the half length a.
+    downward = wheel_speed_limit * half_patch
 
     # Steering motor: a linear speed-torque line whose no-load speed is four times the rate.
     effort, rate = 0.8 * load * radius, 0.16 / radius
     resistance = effort / (4.0 * rate)
-    # Scrub moment of a tyre that turns on the spot: the patch is as wide as the tread and 2 sqrt(2 R d) long.
-    patch = 2.0 * radius * sqrt(2.0 * compression)
-    scrub = friction * load * sqrt((wheel_width**2 + patch**2) / 8.0 + kingpin_offset**2)
+    # Scrub moment of a tyre that turns on the spot: the patch is as wide as the tread.
+    scrub = friction * load * sqrt((wheel_width**2 + (2.0 * half_patch) ** 2) / 8.0 + kingpin_offset**2)
     # Inertia that the servo turns: wheel about the kingpin, and rotor; the least stiffness gives it 10 Hz.
     turned = _wheel_inertia(wheel_mass, radius, wheel_width) + wheel_mass * kingpin_offset**2 + 0.016 * resistance
     min_stiffness = turned * (2.0 * pi * STEERING_FREQUENCY) ** 2
@@ -414,10 +397,8 @@ def estimate(
         yaw_inertia=yaw,
         roll_inertia=roll,
         pitch_inertia=pitch,
-        tyre_modulus=modulus,
-        tyre_resolution=0.155 * radius,
         tyre_dissipation=0.85 / downward,
-        tyre_point_stiffness=load / (POINT_COMPRESSION * radius),
+        tyre_stiffness=load / (TYRE_COMPRESSION * radius),
         friction=friction,
         rolling_resistance=0.01,
         max_torque=max_torque,
@@ -451,7 +432,7 @@ def estimate(
                 0.5 * mass * share - 1.5 * wheel_mass - knuckle_mass,
                 0.5 * mass * (1.0 - share) - 1.5 * wheel_mass,
             ),
-            tyre=load / (POINT_COMPRESSION * radius),
+            tyre=load / (TYRE_COMPRESSION * radius),
             tipping=mass * GRAVITY * com_height,
             track=track,
             slow=slow,

@@ -68,7 +68,7 @@ _TABLES = (
      "carrier_mass suspension_travel front_stiffness front_damping front_anti_roll rear_stiffness rear_damping "
      "rear_anti_roll"),
     ("Contact", "contact.xacro",
-     "friction tyre_modulus tyre_resolution tyre_dissipation tyre_point_stiffness arch_half"),
+     "friction tyre_dissipation tyre_stiffness arch_half"),
     ("Control", "control.yaml",
      "speed_kp speed_ki max_correction max_speed max_acceleration max_deceleration wheel_servo_gain "
      "steering_stiffness steering_damping"),

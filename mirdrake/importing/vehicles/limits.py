@@ -187,7 +187,7 @@ def collect_numbers(
         numbers[key] = _choose_value(part, unit, given, usual, possible_limit, _estimate(estimates, key), changes)
     numbers["max_torque"] = _drive_torque(roles, stated, estimates, changes)
     numbers["brake_torque"], numbers["brake_front_share"] = _brakes(stated, estimates, changes)
-    for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_resolution", "tyre_dissipation"):
+    for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_dissipation"):
         numbers[field] = _estimate(estimates, field)
     ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
     if ratio is not None:
@@ -200,8 +200,7 @@ def collect_numbers(
     numbers["max_power"] = Number(power, HOW["max_power"])
     for end, tyre in zip(("front", "rear"), tyres, strict=True):
         pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
-        numbers[f"{end}_tyre_modulus"] = _estimate(tyre, "tyre_modulus")
-        numbers[f"{end}_tyre_stiffness"] = _estimate(tyre, "tyre_point_stiffness")
+        numbers[f"{end}_tyre_stiffness"] = _estimate(tyre, "tyre_stiffness")
         numbers[f"{end}_friction"] = _friction(roles, end, pair, changes)
     _report_stiffness(roles, list(wheels.values()), numbers, changes)
     return numbers, changes
@@ -371,9 +370,7 @@ def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, 
     if given:
         first = given[0]
         was = _contact_text(first)
-        became = (
-            f"modulus {numbers['front_tyre_modulus'].value:.4g} Pa, {numbers['front_tyre_stiffness'].value:.4g} N/m"
-        )
+        became = f"{numbers['front_tyre_stiffness'].value:.4g} N/m"
         why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
         changes.add(Code.CONTACT, first.where, "contact stiffness of the tyres", was, became, why)
     # Contact of other bodies matters when the car turns over or hits something.

@@ -25,12 +25,9 @@ _ROWS = (
     ("drag_area", "drag area", "m²"),
     ("front_friction", "friction of the front tyres", "-"),
     ("rear_friction", "friction of the rear tyres", "-"),
-    ("front_tyre_modulus", "modulus of the front tyres", "Pa"),
-    ("rear_tyre_modulus", "modulus of the rear tyres", "Pa"),
-    ("front_tyre_stiffness", "stiffness of the front tyres in point contact", "N/m"),
-    ("rear_tyre_stiffness", "stiffness of the rear tyres in point contact", "N/m"),
+    ("front_tyre_stiffness", "stiffness of the front tyres", "N/m"),
+    ("rear_tyre_stiffness", "stiffness of the rear tyres", "N/m"),
     ("tyre_dissipation", "dissipation of the tyres", "s/m"),
-    ("tyre_resolution", "mesh hint of the tyres", "m"),
 )
 _CONTROL = ("wheel_servo_gain", "steering_stiffness", "steering_damping", "speed_kp", "speed_ki", "max_correction",
             "max_acceleration", "max_deceleration")  # fmt: skip

@@ -211,7 +211,7 @@ def _fill(
         why = f"ride frequency {frequency:.2g} Hz; {low:.2g} to {high:.2g} Hz is common"
         became = f"{stiffness:.4g} N/m at the wheel" + ("" if low <= frequency <= high else ": please check")
     elif pair[0].joint is None:
-        stiffness = RIGID * estimates.tyre_point_stiffness
+        stiffness = RIGID * estimates.tyre_stiffness
         why = f"the source has no springs at this axle: {RIGID:g} times the stiffness of its tyres is almost rigid"
         numbers[f"{end}_stiffness"] = Number(
             stiffness, f"estimated: {RIGID:g} times the tyre, for an axle without springs"
