@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.plant.plant import PlantSpec
 from tests.ground_rigs import WHEEL_LOADS, drive
@@ -34,14 +35,42 @@ def mean_end(folder: Path, **settings: object) -> dict[str, float]:
 )
 def test_a_steady_turn_is_the_same_on_every_contact(tmp_path: Path, model: str, speed: float, steering: float) -> None:
     ends = [mean_end(tmp_path, model=model, contact=c, speed=speed, steering=steering) for c in CONTACTS]
+    weight = ends[0]["load"]
     for end in ends[1:]:
-        assert end["load"] == pytest.approx(ends[0]["load"], rel=5e-4)
+        # Drake's load of a patch on 64 facets differs from the closed form, by 0.1 % upright and more when inclined.
+        # The difference bears the vehicle, too, but is not in the loads.
+        assert end["load"] == pytest.approx(weight, rel=2e-3)
         for name in ("ego.wz", "ego.vx"):
             assert end[name] == pytest.approx(ends[0][name], rel=2e-3)
-        assert end["ego.roll"] == pytest.approx(ends[0]["ego.roll"], rel=5e-3, abs=2e-6)
+        # 0.1 % of a deflection of 8 mm on either side of a track of 0.5 m is a roll angle of 3e-5 rad.
+        assert end["ego.roll"] == pytest.approx(ends[0]["ego.roll"], rel=5e-3, abs=3e-5)
         assert end["ego.z"] == pytest.approx(ends[0]["ego.z"], abs=2e-4)
         for name in WHEEL_LOADS:
-            assert end[name] == pytest.approx(ends[0][name], rel=4e-3)
+            assert end[name] == pytest.approx(ends[0][name], abs=1e-3 * weight)
+
+
+@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+def test_the_loads_of_a_bouncing_and_rolling_car_are_its_weight_and_inertia(contact: str) -> None:
+    """The acceleration is that of the plant, with the forces of Drake's contact: it does not know the logged loads."""
+    step = 0.000625
+    car = coasting_car(10.0, PlantSpec(time_step=step, contact=contact))
+    plant = car.parts.plant
+    context = plant.GetMyMutableContextFromRoot(car.simulator.get_mutable_context())
+    base = car.part.base
+    pose = plant.GetFreeBodyPose(context, base)
+    lower = RigidTransform(RollPitchYaw(0.006, 0.0, 0.0).ToQuaternion(), pose.translation() - [0.0, 0.0, 0.006])
+    plant.SetFreeBodyPose(context, base, lower)
+    car.advance(0.5 * step)  # between two steps, so that each advance makes one of them
+    mass, momenta, loads = plant.CalcTotalMass(context), [], []
+    for _ in range(400):
+        momenta.append(mass * plant.CalcCenterOfMassTranslationalVelocityInWorld(context)[2])
+        car.advance(step)
+        loads.append(car.loads.sum())
+    needed = np.diff(momenta) / step + mass * GRAVITY
+    assert np.ptp(needed) > 0.2 * mass * GRAVITY
+    # The damping of the loads has the velocity at the beginning of a step, that of the plant the one at its end: an
+    # error of the first order, up to 440 N at steps of 5 ms.
+    assert needed == pytest.approx(np.array(loads[:-1]), abs=0.01 * mass * GRAVITY)
 
 
 @pytest.mark.parametrize("contact", ["point", "hydroelastic"])

@@ -11,7 +11,8 @@ oscillations of the vehicle on its tyres. Two first-order errors of the plant ar
 - The plant applies the load at the end of a step, which damps the vehicle on its tyres by their stiffness times dt / 2,
   many times the damping of rubber. The difference to the load in the middle is subtracted.
 
-The load of a tyre is its stiffness times its deflection, on every contact. A patch of hydroelastic contact has another
+The load of a tyre is its stiffness times its deflection, plus damping, on every contact. Drake's contact has the same
+damping, at the end of the step, so that the vertical force is without it. A patch of hydroelastic contact has another
 characteristic (:mod:`mirdrake.plant.wheel_shape`); the difference is added as well. The load acts at the contact
 centre; the moment that the contact shape of an inclined wheel has about it is subtracted.
 
@@ -96,6 +97,7 @@ class SpinningWheel(NamedTuple):
         held: whether a parking brake holds it.
         radius: unloaded [m].
         stiffness: vertical stiffness [N/m]; not used where the tyre touches the ground itself.
+        rebound: vertical damping over the force [s/m]; not used there either.
         patch: modulus times width of its hydroelastic mesh [N/m]; zero in point contact.
         static_load: its load at rest [N].
         settings: damping of its tyre.
@@ -112,6 +114,7 @@ class SpinningWheel(NamedTuple):
     held: bool
     radius: float
     stiffness: float
+    rebound: float
     patch: float
     static_load: float
     settings: RelaxationSettings
@@ -221,7 +224,7 @@ def tyre_step(
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
         # The curve at the present load; if a node is missing, the caller makes it and repeats.
-        load, borne, moment_x = tyre_loads(wheel, motion, period)
+        load, elastic, borne, moment_x = tyre_loads(wheel, motion, period)
         curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
         if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else motion.inclination, frictions[i]):
             # The other wheels are still checked, so that the caller makes all missing nodes before it repeats.
@@ -262,7 +265,8 @@ def tyre_step(
         # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
         twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
         resistance = rolling_moment(wheel, load, motion.rolling, motion.spin)
-        # The plant applies the load of its contact at the end of the step; the vertical force changes it to the load.
+        # The plant applies the load of its contact at the end of the step; the vertical force changes its elastic part
+        # to that of the tyre.
         add_road_force(
             force,
             wheel.place,
@@ -270,7 +274,7 @@ def tyre_step(
             fx,
             fy,
             mz + moment,
-            load - borne,
+            elastic - borne,
             0.5 * period * base.turning[2],
             resistance,
             torque - drive,
@@ -415,7 +419,7 @@ def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMo
     force[first + 4] += y
 
 
-def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, float, float]:
+def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, float, float, float]:
     """Return the load of a tyre in mid-step, and load and overturning moment of Drake's contact at the end of the step.
 
     Args:
@@ -424,28 +428,30 @@ def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, f
         period: step of the plant [s].
 
     Returns:
-        load [N]; load [N] and moment about the x axis of the tyre [N m] of Drake's contact.
+        load [N], and its elastic part [N]; elastic load [N] and moment about the x axis of the tyre [N m] of Drake's
+        contact.
     """
     # Positions lead the velocities by half a step: those at the beginning of a step are those of its middle.
-    load = wheel.stiffness * max(wheel.radius - motion.radius, 0.0)
+    elastic = wheel.stiffness * max(wheel.radius - motion.radius, 0.0)
+    load = elastic * max(1.0 + wheel.rebound * motion.sink, 0.0)
     sine, sunk = motion.axle[2], period * motion.sink
     # The equations below do not hold for a wheel that lies on its side.
     if abs(sine) > _LYING:
-        return load, load, 0.0
+        return load, elastic, elastic, 0.0
     if wheel.patch > 0.0:
         depth = wheel.radius - motion.radius + sunk
         if depth <= 0.0:
-            return load, 0.0, 0.0
+            return load, elastic, 0.0, 0.0
         borne = wheel.patch * patch_size(wheel.radius, min(depth, 0.5 * wheel.radius))
         width = TREAD * wheel.width
-        return load, borne, -borne * width * width * sine / (36.0 * depth)
+        return load, elastic, borne, -borne * width * width * sine / (36.0 * depth)
     # The lowest point of an ellipsoid; fcl moves it by half the depth towards the centre.
     cosine, side = sqrt(1.0 - sine * sine), 0.5 * wheel.width
     low = sqrt(wheel.radius * wheel.radius * cosine * cosine + side * side * sine * sine)
     depth = low - motion.z
     borne = wheel.stiffness * max(depth + sunk, 0.0)
     left = (wheel.radius * wheel.radius - side * side) * sine * cosine / low * (1.0 - 0.5 * depth / low)
-    return load, borne, borne * (left - motion.z * sine / cosine)
+    return load, elastic, borne, borne * (left - motion.z * sine / cosine)
 
 
 def _sticking_slip(

@@ -98,6 +98,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 part.parked,
                 geometry.wheel_radii[index],
                 compression.stiffness,
+                compression.damping,
                 part.patches[rear],
                 static_load,
                 settings,
