@@ -25,7 +25,8 @@ from mirdrake.core.paths import names
 from mirdrake.core.user_modules import import_user_module
 from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
-from mirdrake.runs.summary import drive_figures
+from mirdrake.runs.summary import drive_figures, missed_speed
+from mirdrake.runs.texts import describe_findings
 from mirdrake.workflow import run_diagram
 
 FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "stop_detail", "spec_sha256", "seed", "vehicles"}
@@ -494,3 +495,16 @@ def test_the_samples_of_vehicles_and_actors_are_equally_many_after_a_kill(tmp_pa
     assert run.signals.index.tolist() == run.actors.index.tolist() == [0.0, 1.0, 2.0]
     assert run.actors["lead.x"].tolist() == [0.0, 2.0, 4.0]
     assert run.summary["simulated_s"] == 2.0
+
+
+def test_a_speed_that_is_far_from_its_set_point_for_long_is_a_finding() -> None:
+    """1.3 m/s below 2 m/s from 4 to 28 s; before, 3 s of the same are too short."""
+    times = 0.1 * np.arange(301)
+    setpoint = np.full(times.shape, 2.0)
+    vx = np.where(((times > 0.45) & (times < 3.45)) | ((times > 3.95) & (times < 28.05)), 0.7, 1.9)
+    missed = missed_speed(times, setpoint, vx)
+    assert missed == pytest.approx({"from_s": 4.0, "duration_s": 24.0, "error_mps": 1.3})
+    lines = describe_findings({"vehicles": {"ego": {"speed_missed": missed}}})
+    assert lines == ["ego: speed is 1.3 m/s away from its set-point for 24 s, from t = 4 s on"]
+    assert missed_speed(times, setpoint, np.full(times.shape, 1.9)) is None
+    assert missed_speed(times, setpoint, np.where(times < 4.0, 0.7, 1.9)) is None

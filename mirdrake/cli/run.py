@@ -170,7 +170,7 @@ def _use_recorded_commands(spec: "DiagramSpec", texts: Sequence[str]) -> float:
 
 
 def _print_summary(run: "Run") -> None:
-    from mirdrake.runs.texts import describe_figures, describe_stop
+    from mirdrake.runs.texts import describe_figures, describe_findings, describe_stop
 
     summary = run.summary
     factor = summary["real_time_factor"] or 0.0
@@ -180,6 +180,8 @@ def _print_summary(run: "Run") -> None:
         if event["kind"] == "view":
             print(f"  {event['text']}")
     print(f"  {describe_stop(summary)}")
+    for text in describe_findings(summary):
+        print(f"  {text}")
     for name, figures in summary["vehicles"].items():
         print(f"  {name}: {figures['model']}, {figures['distance_m'] or 0.0:.1f} m driven")
         for hit in figures.get("collisions", ()):

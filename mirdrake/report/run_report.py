@@ -26,7 +26,7 @@ from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.runs.logs import Run
-from mirdrake.runs.texts import describe_stop
+from mirdrake.runs.texts import describe_findings, describe_stop
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Track
 
@@ -107,7 +107,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         over=name if folder in {"", name} else f"{name} · {folder}",
         headline=headline,
         tiles=(vehicles[0].tiles if len(vehicles) == 1 else []) + _run_tiles(summary, simulated, len(signals)),
-        notices=[*_incomplete(summary, len(signals)), *scene_notes],
+        notices=[*_incomplete(summary, len(signals)), *describe_findings(summary), *scene_notes],
         folder=folder,
         sentences=sentences,
         stop_reason=describe_stop(summary),

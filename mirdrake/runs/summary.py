@@ -29,6 +29,9 @@ VEHICLE_FIGURES = (
 STRAIGHT = 1e-4
 """Curvature below which a track counts as straight [1/m]."""
 
+MISSED_SHARE, MISSED_LEAST, MISSED_TIME = 0.1, 0.1, 5.0
+"""A speed set-point is missed if the error exceeds this share of it [1] and this speed [m/s] for this time [s]."""
+
 STEADY = 2.0
 """Time for which a command must have been constant to count as steady [s]."""
 
@@ -116,7 +119,10 @@ def make_summary(
             for incident in incidents
             if incident.kind == "collision" and incident.vehicle == name
         ]
-        vehicles[name] = {"model": part.vehicle.name, **_vehicle_figures(signals, name), "collisions": collisions}
+        missed = _missed_speed(signals, name)
+        findings = {} if missed is None else {"speed_missed": missed}
+        figures = _vehicle_figures(signals, name)
+        vehicles[name] = {"model": part.vehicle.name, **figures, **findings, "collisions": collisions}
     return {
         "diagram": data["name"],
         "world": data["world"]["name"],
@@ -137,7 +143,7 @@ _FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "cu
 
 def figure_columns(assembly: Assembly) -> list[str]:
     """Return the signals from which the figures of a summary are computed."""
-    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
+    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in (*_FIGURES, "speed_setpoint")]
 
 
 def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, float | None]:
@@ -183,6 +189,40 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
             figures["mean_speed_error_percent"] = round(100.0 * float(error), 4)
     # JSON has no NaN: the signals of a diverged run are not finite.
     return {name: value if value is not None and math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _missed_speed(signals: pd.DataFrame, name: str) -> dict[str, float] | None:
+    """Return what :func:`missed_speed` finds in the signals of a vehicle; None without its signals."""
+    columns = [f"{name}.speed_setpoint", f"{name}.vx"]
+    if not set(columns) <= set(signals) or len(signals) < 2:
+        return None
+    setpoint, vx = (signals[column].to_numpy() for column in columns)
+    return missed_speed(signals.index.to_numpy(), setpoint, vx)
+
+
+def missed_speed(times: Array, setpoint: Array, vx: Array) -> dict[str, float] | None:
+    """Return the longest time for which a vehicle has missed its speed set-point, and its mean error in that time.
+
+    Args:
+        times: evenly spaced [s] (n).
+        setpoint: of the speed, after the limits of its slope [m/s] (n).
+        vx: longitudinal velocity [m/s] (n).
+
+    Returns:
+        ``from_s``, ``duration_s`` and ``error_mps``; None if no time is longer than :data:`MISSED_TIME`.
+    """
+    error = np.abs(vx - setpoint)
+    missed = error > np.maximum(MISSED_LEAST, MISSED_SHARE * np.abs(setpoint))
+    # First samples of the spans, and those behind their ends.
+    edges = np.flatnonzero(np.diff(missed.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    if not len(edges):
+        return None
+    first, end = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    duration = float(times[end - 1] - times[first])
+    if duration < MISSED_TIME:
+        return None
+    mean = float(np.mean(error[first:end]))
+    return {"from_s": round(float(times[first]), 3), "duration_s": round(duration, 3), "error_mps": round(mean, 4)}
 
 
 def _integral(values: Array, step: float) -> float:

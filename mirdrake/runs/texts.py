@@ -26,6 +26,19 @@ def describe_stop(summary: Mapping[str, Any]) -> str:
     return ": ".join(str(text) for text in (_STOPS.get(str(reason), reason), detail) if text)
 
 
+def describe_findings(summary: Mapping[str, Any]) -> list[str]:
+    """Return what a reader of a run should know though it did not end the run."""
+    lines = []
+    for name, figures in (summary.get("vehicles") or {}).items():
+        missed = figures.get("speed_missed")
+        if missed:
+            lines.append(
+                f"{name}: speed is {missed['error_mps']:.2g} m/s away from its set-point for "
+                f"{missed['duration_s']:.3g} s, from t = {missed['from_s']:.3g} s on"
+            )
+    return lines
+
+
 def describe_figures(figures: Mapping[str, Any]) -> list[str]:
     """Return the figures that a vehicle has in a summary."""
     return [text.format(figures[key]) for key, text in _FIGURES.items() if isinstance(figures.get(key), int | float)]
