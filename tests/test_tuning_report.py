@@ -220,7 +220,7 @@ def test_the_required_grip_and_the_corners_are_reported(
     text = render_tuning(result)
     assert words in text
     table = next(rows for rows in _tables(text) if rows[0][:2] == ["Candidate", "Failed"])
-    assert table[0][3] == "Corners failed"
+    assert table[0][3] == "Corners failed (information)"
     assert {row[0]: row[3] for row in table[1:]}[sample.best] == "1 of 2"
     assert 'title="mass × 0.80: oscillates"' in text
     assert "mass 80 to 120\u00a0% of the nominal one; friction 0.3 to 1; delay 0 to 100\u00a0ms" in text
