@@ -11,7 +11,7 @@ from scipy.special import k1
 
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.ground.roughness import REFERENCE_FREQUENCY, ROUGHNESS, Roughness
-from mirdrake.ground.terrain import Block, Grid, Kerb, Plane, Road, Wave
+from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
 
 
 def arc(*, radius: float, angle: float, bank: float = 0.0, grade: float = 0.0, **more: Any) -> Road:
@@ -172,8 +172,11 @@ def test_one_square_kilometre_takes_less_than_100_megabytes() -> None:
 
 def test_layers_above_another_terrain_are_those_of_one_terrain() -> None:
     random = np.random.default_rng(5)
-    below = [Plane(1.0, 0.1), Grid(random.uniform(size=(20, 30)), 0.5), arc(radius=20.0, angle=1.0)]
-    above = [Grid(random.uniform(size=(9, 9)), 0.5, smooth=False, local=True), Block(0.1, 0.1, 1.0, 0.1, 3.0, 0.1)]
+    below: list[LayerSource] = [Plane(1.0, 0.1), Grid(random.uniform(size=(20, 30)), 0.5), arc(radius=20.0, angle=1.0)]
+    above: list[LayerSource] = [
+        Grid(random.uniform(size=(9, 9)), 0.5, smooth=False, local=True),
+        Block(0.1, 0.1, 1.0, 0.1, 3.0, 0.1),
+    ]
     x, y = random.uniform(-5.0, 15.0, (2, 500))
     ground = Terrain(below)
     before = ground.slopes(x, y)

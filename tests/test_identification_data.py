@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from math import degrees, pi
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -689,7 +690,11 @@ def test_a_speed_must_be_that_of_vx(factor, fault):
 def test_the_headline_names_what_the_training_logs_do_not_excite():
     """The same ratings in a validation log do not help the fit."""
     words = {"speed": 2.0, "spread": 0.0, "varied": False}
-    ratings = [("a", "steering ratio", "good"), ("a", "friction", "none"), ("b", "friction", "good")]
+    ratings: list[tuple[str, str, Literal["good", "weak", "none"]]] = [
+        ("a", "steering ratio", "good"),
+        ("a", "friction", "none"),
+        ("b", "friction", "good"),
+    ]
     excitation = tuple(
         Excitation(log, group, verdict, {}, statement("turning", **words)) for log, group, verdict in ratings
     )

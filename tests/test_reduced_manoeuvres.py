@@ -17,13 +17,13 @@ from mirdrake.manoeuvres import Rig, find_facts
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.drivers import OpenLoopDriver, PathDriver
 from mirdrake.manoeuvres.open_loop import StepSteerSpec
-from mirdrake.manoeuvres.reduced import RATE, ReducedLog, ReducedParameters, ReducedRun, has_roll, simulate
+from mirdrake.manoeuvres.reduced import RATE, ReducedLog, ReducedParameters, ReducedRun, simulate
 from mirdrake.manoeuvres.registry import MANOEUVRES, run_manoeuvre
 from mirdrake.manoeuvres.straight import BrakingSpec
 from mirdrake.manoeuvres.together import run_manoeuvres
 from mirdrake.single_track import SingleTrack, SingleTrackControl, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
-from mirdrake.single_track.from_vehicle import tyres_of
+from mirdrake.single_track.from_vehicle import has_roll, tyres_of
 from mirdrake.single_track.powertrain import SingleTrackPowertrain, make_single_track_law
 from mirdrake.studies import load_results, run_study
 from mirdrake.vehicles import load_vehicle

@@ -412,8 +412,9 @@ def test_a_new_vehicle_reaches_its_speed_straight_ahead_within_half_a_percent(
 
 def test_a_new_vehicle_keeps_its_top_speed_and_brakes_without_locking_its_wheels(tmp_path: Path) -> None:
     """A robot with rear drive, 2 m/s at most: asked for 5 m/s, and then to stop."""
-    sizes = {"mass": 60, "wheelbase": 0.7, "track": 0.5, "wheel_radius": 0.12, "wheel_width": 0.08, "top_speed": 2}
-    folder = new_vehicle("rover", folder=tmp_path, **sizes)
+    folder = new_vehicle(
+        "rover", folder=tmp_path, mass=60, wheelbase=0.7, track=0.5, wheel_radius=0.12, wheel_width=0.08, top_speed=2
+    )
     fast = drive(folder, 1.0, speed=5.0, start=1.9, contact="tyre")
     assert fast["ego.vx"].max() < 2.05
     braking = drive(folder, 1.2, speed=0.0, start=2.0, contact="tyre")
