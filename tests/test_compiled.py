@@ -112,7 +112,7 @@ def test_cached_code_of_a_class_that_was_renamed_is_no_obstacle(tmp_path, monkey
             monkeypatch.delitem(sys.modules, module, raising=False)
         importlib.invalidate_caches()
         law, kinds = (importlib.import_module(module) for module in ("updated_law", "updated_kinds"))
-        function = compiled(law.first, parts=())
+        function: Any = compiled(law.first, parts=())
         assert function(getattr(kinds, name)(2.0)) == 2.0
         assert function._cache_misses
         assert Path(function._cache.cache_path).is_relative_to(tmp_path)

@@ -499,7 +499,7 @@ def test_the_samples_of_vehicles_and_actors_are_equally_many_after_a_kill(tmp_pa
 
 def test_a_speed_that_is_far_from_its_set_point_for_long_is_a_finding() -> None:
     """1.3 m/s below 2 m/s from 4 to 28 s; before, 3 s of the same are too short."""
-    times = 0.1 * np.arange(301)
+    times = np.asarray(0.1 * np.arange(301), dtype=np.float64)
     setpoint = np.full(times.shape, 2.0)
     vx = np.where(((times > 0.45) & (times < 3.45)) | ((times > 3.95) & (times < 28.05)), 0.7, 1.9)
     missed = missed_speed(times, setpoint, vx)
