@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from mirdrake.core.pid import PidGains
@@ -27,9 +26,10 @@ from mirdrake.tuning.grip import axles_of, grip_use
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
-from mirdrake.tuning.loops.registry import make_loop_spec
+from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
+from mirdrake.tuning.loops.speed import SETTLING
 from mirdrake.tuning.models import Integrator
-from mirdrake.tuning.robustness import MonteCarlo, draw_conditions
+from mirdrake.tuning.robustness import draw_conditions
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
 from mirdrake.tuning.selection import Knowledge, beats_rule, choose_best, choose_rule, verify
 from mirdrake.tuning.spec import load_tuning
@@ -127,26 +127,21 @@ def test_the_hardest_draws_have_long_delays_or_little_friction() -> None:
 
 
 class _Stages:
-    """Stages without a plant: gains above a bound fail in run 3, gains above another one at a finer step."""
+    """Stages without a plant: gains above a bound fail in run 3, above others at a finer step and on slopes."""
 
     constraints: dict[str, float] = {}  # noqa: RUF012
     hardest: tuple[Conditions, ...] = ()
 
-    def __init__(self, bound: float, *, finer: float = math.inf) -> None:
-        self.bound, self.finer = bound, finer
+    def __init__(self, bound: float, *, finer: float = math.inf, steep: float = math.inf) -> None:
+        self.bound, self.finer, self.steep = bound, finer, steep
         self.draws = draw_conditions({"delay": (0.0, 0.1)}, runs=5, seed=0)
         self.tested: list[str] = []
 
-    def monte_carlo(self, candidates: list[Candidate]) -> MonteCarlo:
-        (candidate,) = candidates
+    def failed_runs(self, candidate: Candidate) -> tuple[Rejection, ...]:
         self.tested.append(candidate.name)
-        bad = candidate.design.gains["kp"] > self.bound
-        status = ["unstable" if bad and run == 3 else "ok" for run in range(5)]
-        reason = ["oscillates" if entry == "unstable" else "" for entry in status]
-        table = pd.DataFrame(
-            {"candidate": candidate.name, "run": range(5), "seed": 0, "status": status, "reason": reason}
-        )
-        return MonteCarlo(table, {}, 5, 0)
+        if candidate.design.gains["kp"] <= self.bound:
+            return ()
+        return (Rejection("monte_carlo", run=3, conditions=self.draws[3], reason="oscillates", made_runs=4),)
 
     def cost_in_runs(self, candidate: Candidate) -> float:
         return candidate.trial.cost
@@ -156,6 +151,9 @@ class _Stages:
 
     def first_failure(self, gains: dict[str, float], scenarios: Any) -> None:
         return None
+
+    def test_on_own_slopes(self, design: Design) -> Evaluation:
+        return Evaluation("unstable", reason="slips") if design.gains["kp"] > self.steep else Evaluation("ok")
 
     def test_at_finer_step(self, design: Design) -> Candidate:
         unstable = design.gains["kp"] > self.finer
@@ -195,11 +193,14 @@ def test_a_rule_that_fails_in_a_run_is_rejected_with_the_run_as_reason() -> None
     assert best is not None
     assert best.design.gains == {"kp": 2.5}
     assert beats_rule(stages, known, best, choice.rule)[0]
-    rejection = Rejection("monte_carlo", run=3, conditions=stages.draws[3], reason="oscillates")
+    rejection = Rejection("monte_carlo", run=3, conditions=stages.draws[3], reason="oscillates", made_runs=4)
     assert known.verified["fast"].rejections == (rejection,)
     assert stages.tested.count("fast") == 1  # results of checks are kept
     text = Texts(short_result("unior")).rejections((rejection,))
     assert text.startswith("not stable in 1 run of the Monte Carlo, first in run 3 (delay ")
+    result = short_result("unior")
+    text = Texts(replace(result, spec={**result.spec, "robustness": {"runs": 100}})).rejections((rejection,))
+    assert text.endswith("; rejected after 4 of 100 runs")
 
 
 def test_where_no_rule_is_robust_the_fastest_robust_slower_one_is_compared_with() -> None:
@@ -236,6 +237,39 @@ def test_gains_that_oscillate_at_a_finer_step_are_not_robust() -> None:
     assert [(trial.gains, trial.rejections[0].check) for trial in known.rejected] == [({"kp": 3.0}, "finer_step")]
     assert beats_rule(stages, known, best, choice.rule)[0]
     assert verify(stages, Knowledge(), best)[0].finer is not None
+
+
+def test_gains_that_do_not_follow_the_vehicles_own_slopes_are_rejected_before_the_monte_carlo() -> None:
+    stages: Any = _Stages(bound=10.0, steep=2.5)
+    choice = choose_rule(stages, [BASE, FAST, SLOWER, MIDDLE], ())
+    assert choice.rule is MIDDLE
+    assert choice.known.verified["fast"].rejections == (Rejection("own_slopes", reason="slips"),)
+    assert stages.tested == ["mid"]
+    best, known = choose_best(stages, choice.known, [BASE, FAST, SLOWER, MIDDLE], [searched(3.0, 2.2)])
+    assert best is not None
+    assert best.design.gains == {"kp": 2.2}
+    assert known.lost_on_slopes
+    text = Texts(short_result("unior")).rejections(known.rejected[0].rejections)
+    assert text == "does not follow the vehicle's own slopes of the set-point: slips"
+
+
+def test_gains_that_spin_the_wheels_on_the_vehicles_own_slopes_are_unstable(bolt: LoopSpec) -> None:
+    """From 1.2 to 12 m/s at 3 m/s², back at 5 m/s²: the force is within the grip, only the loop makes wheels slip."""
+    own = LOOP_KINDS[bolt.kind].at_own_slopes(bolt)
+    assert own is not None
+    course = own.course
+    assert (course.speed, course.step) == pytest.approx((1.2, 10.8))
+    assert course.return_time == pytest.approx(0.5 + 10.8 / 3.0 + SETTLING)
+    assert course.duration == pytest.approx(0.5 + 10.8 / 3.0 + 10.8 / 5.0 + 2.0 * SETTLING)
+    evaluate = LoopEvaluator(own, keep=True)
+    calm = evaluate({"kp": 200.0, "ki": 100.0, "kd": 0.0})
+    assert calm.status == "ok"
+    assert calm.response is not None
+    slopes = np.diff(calm.response["reference"]) / np.diff(calm.response["t"])
+    assert (slopes.min(), slopes.max()) == pytest.approx((-5.0, 3.0), rel=1e-6)
+    spinning = evaluate({"kp": 400.0, "ki": 300.0, "kd": 0.0})
+    assert spinning.status == "unstable"
+    assert "wheel oscillates" in spinning.reason
 
 
 def test_the_finer_step_is_that_of_a_diagram_or_half_of_its_own(bolt: LoopSpec) -> None:

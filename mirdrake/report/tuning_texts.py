@@ -278,8 +278,15 @@ class Texts:
             texts.append(
                 f"not stable in {len(runs)} run{'s' * (len(runs) > 1)} of the Monte Carlo, first in run {runs[0].run} "
                 f"({describe(runs[0].conditions) if runs[0].conditions else 'nominal'}): {runs[0].reason}"
+                + self._made(runs[0].made_runs)
             )
         return "; ".join(texts)
+
+    def _made(self, runs: int | None) -> str:
+        """Return after how many runs of the Monte Carlo a candidate was rejected, as the end of a sentence."""
+        settings = self.result.spec.get("robustness")
+        total = settings.get("runs") if isinstance(settings, Mapping) else None
+        return f"; rejected after {runs} of {total} runs" if runs is not None and total is not None else ""
 
     def _rejection(self, rejection: Rejection) -> str:
         match rejection.check:
@@ -290,6 +297,8 @@ class Texts:
                 return f"{self.figure(rejection.figure)[0]} {value}{on} is {sign} the limit {limit}"
             case "finer_step":
                 return f"not stable at a finer step of the plant: {rejection.reason}"
+            case "own_slopes":
+                return f"does not follow the vehicle's own slopes of the set-point: {rejection.reason}"
             case "scenario":
                 conditions = describe(rejection.conditions) if rejection.conditions else "nominal"
                 return f"not stable with {conditions}: {rejection.reason}"
@@ -362,6 +371,7 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
         "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
         "monte_carlo": "Monte Carlo runs that are not stable",
         "finer_step": "not stable at a finer step of the plant",
+        "own_slopes": "does not follow the vehicle's own slopes of the set-point, up and down",
         "no_dearer_than_rule": f"{cost} that of the best {rule} within the constraints, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",

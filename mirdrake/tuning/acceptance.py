@@ -26,7 +26,8 @@ class Criterion:
         name: ``cheaper_than_baseline``: cost less than that of the baseline; ``cheaper_in_runs``: median over the runs
             of the Monte Carlo of the cost over that of the baseline, less than 1; ``constraint``: a figure within its
             limit; ``monte_carlo``: number of runs that are not stable; ``finer_step``: 1 if not stable at a finer step
-            of the plant; ``no_dearer_than_rule``: median over the runs of the cost over that of the best rule, at
+            of the plant; ``own_slopes``: 1 if it does not follow the vehicle's own slopes of the set-point;
+            ``no_dearer_than_rule``: median over the runs of the cost over that of the best rule, at
             most 1; without a Monte Carlo, cost of at most that of the rule; ``robust_unlike_rules``: 1 if
             feasible and robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible, as no rule is; ``schedule``:
             number of speeds at which the gain schedule breaks a constraint.
@@ -38,8 +39,8 @@ class Criterion:
     """
 
     name: Literal[
-        "cheaper_than_baseline", "cheaper_in_runs", "constraint", "monte_carlo", "finer_step", "no_dearer_than_rule",
-        "robust_unlike_rules", "feasible_unlike_rules", "schedule",
+        "cheaper_than_baseline", "cheaper_in_runs", "constraint", "monte_carlo", "finer_step", "own_slopes",
+        "no_dearer_than_rule", "robust_unlike_rules", "feasible_unlike_rules", "schedule",
     ]  # fmt: skip
     value: float | None
     limit: float
@@ -89,7 +90,8 @@ def accept(
     """Return the criteria of a tuned loop, and whether they are met.
 
     The cost is less than that of a stable baseline, also in the median run of the Monte Carlo; the constraints are met;
-    no run of the Monte Carlo is unstable, nor the test at a finer step of the plant; and the cost is at most that of
+    no run of the Monte Carlo is unstable, nor the test at a finer step of the plant, nor that on the vehicle's own
+    slopes of the set-point; and the cost is at most that of
     the best rule that meets all of these. Costs that print equal are equal.
 
     Args:
@@ -122,11 +124,15 @@ def accept(
         fails = verified[winner.name].fails_at_finer_step
         criteria.append(Criterion("finer_step", float(fails), 0.0, not fails))
 
+    if winner.name in verified and verified[winner.name].slopes is not None:
+        fails = verified[winner.name].fails_on_slopes
+        criteria.append(Criterion("own_slopes", float(fails), 0.0, not fails))
+
     # Comparison with the best rule, if it is feasible and robust.
     def is_robust(candidate: Candidate) -> bool:
         failures = monte_carlo.failures(candidate.name).failures if monte_carlo is not None else 0
         check = verified.get(candidate.name)
-        return not failures and not (check is not None and check.fails_at_finer_step)
+        return not failures and not (check is not None and (check.fails_at_finer_step or check.fails_on_slopes))
 
     # The rule sets the bar only as far as it meets the constraints and is robust; else it has to be beaten in that.
     feasible = winner.trial.feasible

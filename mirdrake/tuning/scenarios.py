@@ -26,11 +26,13 @@ class InScenarios:
         evaluate: tests gains.
         scenarios: conditions under which gains must be stable.
         constraints: limits of figures by name.
+        slopes: tests gains on the vehicle's own slopes of the set-point, where they must be stable, too; None: without.
     """
 
     evaluate: Evaluator
     scenarios: tuple[Conditions, ...]
     constraints: dict[str, float]
+    slopes: Evaluator | None = None
 
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
@@ -42,6 +44,8 @@ class InScenarios:
                 other = self.evaluate(gains, scenario, fidelity)
                 if other.status != "ok":
                     return Evaluation(other.status, reason=f"{describe(scenario)}: {other.reason}")
+            if self.slopes is not None and (other := self.slopes(gains)).status != "ok":
+                return Evaluation(other.status, reason=f"own slopes of the vehicle: {other.reason}")
         return result
 
 

@@ -1,6 +1,7 @@
 """Choice of the rule to compare with and of the best candidate: the cheapest one that is robust.
 
-A candidate is *robust* if it is stable in every run of the Monte Carlo and at a finer step of the plant.
+A candidate is *robust* if it is stable in every run of the Monte Carlo, at a finer step of the plant and on the
+vehicle's own slopes of the set-point. The first check that fails rejects it; the others are not made.
 """
 
 from collections.abc import Sequence
@@ -8,13 +9,13 @@ from dataclasses import dataclass, field, replace
 
 from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Design, rounded
-from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.loops.base import Conditions, Evaluation
 from mirdrake.tuning.spec import printed
 from mirdrake.tuning.stages import Candidate, Stages
 from mirdrake.tuning.trials import Rejection, Trial, Trials
 
 POOL = 8
-"""Candidates, and rules, that get a Monte Carlo at most before the one with the fewest failures is chosen."""
+"""Candidates, and rules, that are checked at most before the one with the latest failure is chosen."""
 
 HARD = 6
 """Failed draws of other candidates that a search has to pass at most."""
@@ -25,7 +26,8 @@ class Verification:
     """Checks of the robustness of a candidate.
 
     Attributes:
-        failed_runs: rejections by runs of the Monte Carlo.
+        failed_runs: rejections by runs of the Monte Carlo, which ends with the first of them.
+        slopes: the test on the vehicle's own slopes; None if it was not made.
         finer: the candidate at a finer step of the plant; None if it cannot be tested.
         margins: gain and delay margin as far as the plant confirms them.
         broken: margins of the plant that break their limits.
@@ -35,6 +37,12 @@ class Verification:
     finer: Candidate | None = None
     margins: tuple[MarginCheck, ...] = ()
     broken: tuple[Rejection, ...] = ()
+    slopes: Evaluation | None = None
+
+    @property
+    def fails_on_slopes(self) -> bool:
+        """Whether it does not follow the vehicle's own slopes of the set-point."""
+        return self.slopes is not None and self.slopes.status != "ok"
 
     @property
     def fails_at_finer_step(self) -> bool:
@@ -42,22 +50,24 @@ class Verification:
         return self.finer is not None and self.finer.trial.status != "ok"
 
     @property
-    def failures(self) -> int:
-        """Number of failed checks."""
-        return len(self.failed_runs) + self.fails_at_finer_step + len(self.broken)
+    def passed_runs(self) -> int:
+        """Number of stable runs until it was rejected; 0 if the Monte Carlo was not made."""
+        return (self.failed_runs[0].made_runs or 0) - len(self.failed_runs) if self.failed_runs else 0
 
     @property
     def is_robust(self) -> bool:
         """Whether all checks passed."""
-        return self.failures == 0
+        return not self.rejections
 
     @property
     def rejections(self) -> tuple[Rejection, ...]:
         """Reasons to reject the candidate."""
-        finished = (*self.broken, *self.failed_runs)
-        if self.finer is None or not self.fails_at_finer_step:
-            return finished
-        return (*finished, Rejection("finer_step", reason=self.finer.trial.reason))
+        reasons = [*self.broken, *self.failed_runs]
+        if self.finer is not None and self.fails_at_finer_step:
+            reasons.append(Rejection("finer_step", reason=self.finer.trial.reason))
+        if self.slopes is not None and self.fails_on_slopes:
+            reasons.append(Rejection("own_slopes", reason=self.slopes.reason))
+        return tuple(reasons)
 
 
 @dataclass(frozen=True)
@@ -83,18 +93,22 @@ class Knowledge:
         verified: robustness by name of the candidate.
         hard: draws of the Monte Carlo in which candidates that meet the constraints have failed.
         finer: candidates of the search at a finer step of the plant, by name.
+        slopes: their tests on the vehicle's own slopes, by name.
         searched: candidates made of trials of the search.
         rejected: trials of the search that are not candidates.
         lost_at_finer_step: whether a trial was rejected for the finer step.
+        lost_on_slopes: whether a trial was rejected on the vehicle's own slopes.
         margin_ratios: margins of the plant over those of the model, of the last candidate that was checked.
     """
 
     verified: dict[str, Verification] = field(default_factory=dict)
     hard: tuple[Conditions, ...] = ()
     finer: dict[str, Candidate | None] = field(default_factory=dict)
+    slopes: dict[str, Evaluation | None] = field(default_factory=dict)
     searched: tuple[Candidate, ...] = ()
     rejected: tuple[RejectedTrial, ...] = ()
     lost_at_finer_step: bool = False
+    lost_on_slopes: bool = False
     margin_ratios: dict[str, float] = field(default_factory=dict)
 
 
@@ -115,55 +129,38 @@ class RuleChoice:
     known: Knowledge
 
 
-def verify(
-    stages: Stages, known: Knowledge, candidate: Candidate, *, stop_at_finer_step: bool = False
-) -> tuple[Verification, Knowledge]:
-    """Check the robustness of a candidate, unless it is known.
+def verify(stages: Stages, known: Knowledge, candidate: Candidate) -> tuple[Verification, Knowledge]:
+    """Check the robustness of a candidate, unless it is known; the Monte Carlo, which takes longest, is the last check.
 
     Args:
         stages: of the study.
         known: results so far.
         candidate: to check.
-        stop_at_finer_step: whether the Monte Carlo is skipped for one that is not stable at the finer step.
     """
     if candidate.name in known.verified:
         return known.verified[candidate.name], known
-    # The finer step may have been tested when the trial became a candidate.
+    # Finer step and slopes have been tested if a trial became the candidate.
     tested = candidate.name in known.finer
     made = Verification(finer=known.finer[candidate.name] if tested else stages.test_at_finer_step(candidate.design))
     if candidate.trial.status == "ok":
         checks, broken = stages.confirm_margins(candidate)
         made = replace(made, margins=checks, broken=broken)
         known = replace(known, margin_ratios=known.margin_ratios | {check.name: check.ratio for check in checks})
-    if not _rejected_early(made, stop_at_finer_step):
-        made = replace(made, failed_runs=_failed_runs(stages, candidate))
+    if made.is_robust:
+        on_slopes = known.slopes[candidate.name] if tested else stages.test_on_own_slopes(candidate.design)
+        made = replace(made, slopes=on_slopes)
+    if made.is_robust:
+        made = replace(made, failed_runs=stages.failed_runs(candidate))
     # Draws in which this candidate has failed become scenarios of the next search.
     conditions = [failure.conditions for failure in made.failed_runs if failure.conditions is not None]
     new = [draw for draw in conditions if draw not in known.hard]
     return made, replace(known, verified={**known.verified, candidate.name: made}, hard=(*known.hard, *new)[:HARD])
 
 
-def _rejected_early(made: Verification, stop_at_finer_step: bool) -> bool:
-    """Return whether a candidate needs no Monte Carlo, since it is rejected already."""
-    return bool(made.broken) or (stop_at_finer_step and made.fails_at_finer_step)
-
-
-def _failed_runs(stages: Stages, candidate: Candidate) -> tuple[Rejection, ...]:
-    """Return a rejection for each run of the Monte Carlo in which a candidate is not stable."""
-    finished = stages.monte_carlo([candidate])
-    if finished is None:
-        return ()
-    failed = finished.table[finished.table["status"] != "ok"]
-    return tuple(
-        Rejection("monte_carlo", run=int(run), conditions=stages.draws[int(run)], reason=str(reason))
-        for run, reason in zip(failed["run"], failed["reason"], strict=True)
-    )
-
-
 def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Design]) -> RuleChoice:
     """Choose the cheapest rule that meets the constraints and is robust.
 
-    If there is none, take the fastest robust one of the slower designs, or else the rule with the fewest failures.
+    If there is none, take the fastest robust one of the slower designs, or else the rule with the latest failure.
 
     Args:
         stages: of the study.
@@ -186,12 +183,12 @@ def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Des
     for design in slower:
         (rule,) = stages.test([design], "slower rules")
         if rule.trial.feasible:
-            check, known = verify(stages, known, rule, stop_at_finer_step=True)
+            check, known = verify(stages, known, rule)
             if check.is_robust:
                 return RuleChoice(rule, tuple(rejected), (rule,), known)
-    # No robust rule: the one with the fewest failures is the bar.
+    # No robust rule: the one with the latest failure is the bar.
     if rejected:
-        nearest = min(rejected, key=lambda rule: known.verified[rule.name].failures)
+        nearest = max(rejected, key=lambda rule: known.verified[rule.name].passed_runs)
         return RuleChoice(nearest, tuple(rule for rule in rejected if rule is not nearest), (), known)
     return RuleChoice(rules[0] if rules else None, (), (), known)
 
@@ -201,7 +198,7 @@ def choose_best(
 ) -> tuple[Candidate | None, Knowledge]:
     """Choose the cheapest candidate that meets the constraints and is robust.
 
-    If none is robust, take the one with the fewest failures among those that were checked; None if none meets the
+    If none is robust, take the one with the latest failure among those that were checked; None if none meets the
     constraints.
 
     Args:
@@ -231,11 +228,11 @@ def choose_best(
         check, known = verify(stages, known, candidate)
         if check.is_robust:
             return candidate, known
-        # Each failed candidate has cost a Monte Carlo; stop after a few.
-        failed.append((check.failures, candidate))
+        # Each failed candidate has cost tests on the plant; stop after a few.
+        failed.append((check.passed_runs, candidate))
         if len(failed) == POOL:
             break
-    return min(failed, key=lambda pair: pair[0], default=(0, None))[1], known
+    return max(failed, key=lambda pair: pair[0], default=(0, None))[1], known
 
 
 def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candidate | None, Knowledge]:
@@ -249,12 +246,15 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     def rejected(*reasons: Rejection) -> Knowledge:
         return replace(known, rejected=(*known.rejected, RejectedTrial(gains, trial.cost, reasons)))
 
-    # Cheap checks before expensive ones: hard scenarios, finer step, then the full test with response.
+    # Cheap checks before expensive ones: own slopes, hard scenarios, finer step, then the full test with response.
+    name = "searched" if not known.searched else f"searched {len(known.searched) + 1}"
+    design = Design(name, "searched", gains)
+    slopes = stages.test_on_own_slopes(design)
+    if slopes is not None and slopes.status != "ok":
+        return None, replace(rejected(Rejection("own_slopes", reason=slopes.reason)), lost_on_slopes=True)
     failure = stages.first_failure(gains, [*known.hard, *stages.hardest])
     if failure is not None:
         return None, rejected(failure)
-    name = "searched" if not known.searched else f"searched {len(known.searched) + 1}"
-    design = Design(name, "searched", gains)
     finer = stages.test_at_finer_step(design)
     if finer is not None and finer.trial.status != "ok":
         return None, replace(rejected(Rejection("finer_step", reason=finer.trial.reason)), lost_at_finer_step=True)
@@ -262,7 +262,10 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     if not candidate.trial.feasible:
         return None, rejected(*candidate.trial.rejections(stages.constraints))
     return candidate, replace(
-        known, searched=(*known.searched, candidate), finer={**known.finer, candidate.name: finer}
+        known,
+        searched=(*known.searched, candidate),
+        finer={**known.finer, candidate.name: finer},
+        slopes={**known.slopes, candidate.name: slopes},
     )
 
 

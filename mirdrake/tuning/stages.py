@@ -33,6 +33,9 @@ from mirdrake.tuning.trials import Rejection, Trial, Trials, make_trial
 MAP = 13
 """Values of each gain in the map."""
 
+BATCH = 4
+"""Runs of the Monte Carlo after which a candidate is rejected if one of them has failed."""
+
 RESERVE = 1.5
 """Required delay margin, relative to the largest increase of the delay in the Monte Carlo."""
 
@@ -199,6 +202,7 @@ class Stages:
         *,
         loop: LoopSpec | None = None,
         scenarios: Sequence[Conditions] = (),
+        slopes: bool = False,
     ) -> Trials:
         """Search gains on the reduced model by the method of the study, or on the plant.
 
@@ -209,6 +213,7 @@ class Stages:
             stage: its name, and that of its journal.
             loop: instead of the study's.
             scenarios: conditions under which gains that meet the constraints must be stable.
+            slopes: whether they must also follow the vehicle's own slopes of the set-point.
 
         Raises:
             StoppedError: Ctrl-C.
@@ -225,9 +230,11 @@ class Stages:
         cost = spec.cost
         if self._sample and method != "nsga2":  # which has an objective per figure of the cost
             evaluate, cost = InRuns(evaluate, tuple(self._sample), spec.cost), {COST: 1.0}
-        if scenarios:
+        own = LOOP_KINDS[self.loop.kind].at_own_slopes(self.loop) if slopes else None
+        if scenarios or own is not None:
             # Constraints first, then scenarios: an infeasible trial needs no further tests.
-            evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
+            on_slopes = None if own is None else LoopEvaluator(own)
+            evaluate = InScenarios(evaluate, tuple(scenarios), constraints, on_slopes)
         outcome = search(
             evaluate,
             {name: entry.parameter() for name, entry in space.items()},
@@ -244,7 +251,7 @@ class Stages:
             executor=None if reduced else self.executor,
             workers=0 if reduced else self.workers,
             store=self.folder / f"{stage}.jsonl",
-            purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
+            purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios], "slopes": slopes},
             progress=lambda done, total, left: self.progress(stage, done, total, left),
         )
         # Incomplete searches are in the journal and resume with the next call.
@@ -257,6 +264,11 @@ class Stages:
         if not LOOP_KINDS[self.loop.kind].has_own_plant:
             return None
         return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
+
+    def test_on_own_slopes(self, design: Design) -> Evaluation | None:
+        """Test a design with the vehicle's own slopes of the set-point; None if the loop's set-point has none."""
+        loop = LOOP_KINDS[self.loop.kind].at_own_slopes(self.loop)
+        return None if loop is None else LoopEvaluator(loop)(design.gains)
 
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[MarginCheck, ...], tuple[Rejection, ...]]:
         """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""
@@ -295,6 +307,37 @@ class Stages:
 
     def _test_key(self, gains: Mapping[str, float]) -> tuple[float, ...]:
         return (self.loop.time_step, *(float(value) for value in gains.values()))
+
+    def failed_runs(self, candidate: Candidate) -> tuple[Rejection, ...]:
+        """Return a rejection for each run of the Monte Carlo that fails, until one of :data:`BATCH` runs has failed.
+
+        The runs that are most likely to fail come first.
+
+        Raises:
+            StoppedError: Ctrl-C.
+        """
+        if not self.draws:
+            return ()
+        name, total = candidate.name, len(self.draws)
+        gains = {name: candidate.design.gains}
+        hard, count = {self.draws.index(draw) for draw in self.hardest}, total
+        if self.first_fidelity == "reduced":
+            model = self._runs("reduced", gains).table
+            hard, count = choose_runs(model, self.draws, self.spec.cost, grip=self._grip), min(SAMPLE, total)
+        order = [*sorted(hard), *(run for run in range(count) if run not in hard)]
+        for end in range(BATCH, len(order) + BATCH, BATCH):
+            table = self._runs("plant", gains, {name: order[:end]}).table
+            if (table["status"] != "ok").any():
+                break
+        else:
+            # The plant makes further runs if the model does not rank these as the plant does.
+            finished = self.monte_carlo([candidate])
+            table = table if finished is None else finished.rows(name)
+        failed = table[table["status"] != "ok"]
+        return tuple(
+            Rejection("monte_carlo", run=run, conditions=self.draws[run], reason=str(reason), made_runs=len(table))
+            for run, reason in zip(failed["run"].astype(int).tolist(), failed["reason"], strict=True)
+        )
 
     def monte_carlo(
         self, candidates: Sequence[Candidate], *, pairs: Sequence[tuple[str, str]] = ()

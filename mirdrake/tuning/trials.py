@@ -32,23 +32,25 @@ class Rejection:
     Attributes:
         check: ``test``: unstable or failed in the nominal test; ``constraint``: breaks a limit in it;
             ``margin``: a margin of the plant breaks its limit; ``scenario``: not stable in one of the hardest
-            conditions; ``finer_step``: not stable at a finer step of the plant;
-            ``monte_carlo``: not stable in a run.
+            conditions; ``finer_step``: not stable at a finer step of the plant; ``own_slopes``: does not follow the
+            vehicle's own slopes of the set-point; ``monte_carlo``: not stable in a run.
         figure: whose limit is broken; empty for other checks.
         value: of the figure; None if it is undefined.
         limit: of the figure.
         run: number of the run of the Monte Carlo.
         conditions: of the run or scenario.
         reason: what happened, in one line; empty for a constraint.
+        made_runs: number of runs of the Monte Carlo after which the candidate was rejected.
     """
 
-    check: Literal["test", "constraint", "margin", "scenario", "finer_step", "monte_carlo"]
+    check: Literal["test", "constraint", "margin", "scenario", "finer_step", "own_slopes", "monte_carlo"]
     figure: str = ""
     value: float | None = None
     limit: float | None = None
     run: int | None = None
     conditions: Conditions | None = None
     reason: str = ""
+    made_runs: int | None = None
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ STUDY = "study.json"
 
 ROUNDS = 2
 """Searches on the plant at most. The second is around the best of the first, in draws that candidates have failed; if
-candidates failed at the finer step, it is at that step, around what is robust there."""
+candidates failed at the finer step or on the vehicle's own slopes, it is there, around what is robust."""
 
 FINE = "fine"
 """Folder of the journals of a study that is repeated at a finer step."""
@@ -249,7 +249,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     winner = outcome.best or min(tried[1:] or tried, key=lambda one: (one.trial.violation, one.trial.cost))
 
     # Monte Carlo of the candidates that are compared; the journal has the runs of the checks already.
-    compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner, *choice.rejected) if candidate}
+    compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner) if candidate}
     chosen = [candidate for candidate in tried if candidate.name in compared]
     # The median against the baseline matters only where the test itself prefers the winner.
     rivals = [designs.baseline] if winner.trial.cost < designs.baseline.trial.cost else []
@@ -260,7 +260,9 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     known = outcome.known
     if winner.name not in known.verified:  # it is not feasible
         # Infeasible winners have not been verified; the report needs the effect of the finer step.
-        check = Verification(finer=stages.test_at_finer_step(winner.design))
+        check = Verification(
+            finer=stages.test_at_finer_step(winner.design), slopes=stages.test_on_own_slopes(winner.design)
+        )
         known = replace(known, verified={**known.verified, winner.name: check})
     effect = _step_effect(stages, known.verified[winner.name], winner)
     criteria = accept(
@@ -358,21 +360,25 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     best, known, loop = None, choice.known, None
     for count in range(ROUNDS):
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
-        fine.append(stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard))
+        fine.append(
+            stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard, slopes=known.lost_on_slopes)
+        )
         best, known = choose_best(stages, known, tried, fine)
         # Nothing meets the constraints: another round would search around the same trials.
         if best is None:
             break
         beaten, known = beats_rule(stages, known, best, choice.rule)
         stages = replace(stages, margin_ratios=known.margin_ratios)
-        # Better than the rule, and no trial was lost at the finer step: no further round.
-        if beaten and not known.lost_at_finer_step:
+        # Better than the rule, and no trial was lost at the finer step or on the slopes: no further round.
+        lost = known.lost_at_finer_step or known.lost_on_slopes
+        if beaten and not lost:
             break
 
-        # The next round is around the best trials, or around what is robust at the finer step.
+        # The next round is around the best trials, or around what is robust there.
         around = fine[-1].leaders or coarse.leaders
-        if known.lost_at_finer_step:
+        if lost:
             around = [candidate.trial for candidate in (best, choice.rule) if candidate is not None]
+        if known.lost_at_finer_step:
             loop = at_finer_step(stages.loop)
         near = space_around(space, around)
         starts = inside(near, _gains(around))

@@ -104,7 +104,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Course:
-    """Test manoeuvre: a step of the set-point and a later load.
+    """Test manoeuvre: a step of the set-point, and a later load or the return of the set-point.
 
     Attributes:
         step: of the set-point [y].
@@ -113,6 +113,7 @@ class Course:
         load_time: of the load [s].
         duration: of the test [s].
         speed: of the car before the step [m/s].
+        return_time: from which the set-point is that before the step again [s]; None: it does not return.
     """
 
     step: float
@@ -121,6 +122,7 @@ class Course:
     load_time: float
     duration: float
     speed: float = 0.0
+    return_time: float | None = None
 
 
 @dataclass(frozen=True)

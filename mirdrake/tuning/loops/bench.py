@@ -249,17 +249,21 @@ class PlantBench:
         # A tiny step, which shows the steady state only, may not count as divergence: the start is added.
         start = self.kind.initial_output(self)
         bound = (DIVERGED + 2.0) * abs(course.step) + 5.0 * noise + abs(start)
-        # Two parts, as the load is a parameter that is written between them.
-        ends = [course.load_time, course.duration] if course.load else [course.duration]
-        for end in ends:
+        # Parts of the test, as load and set-point are written between them.
+        changes: list[tuple[float, Callable[[], None]]] = []
+        if course.load:
+            changes.append((course.load_time, lambda: self._write_effort(context, self._delay.set_load, course.load)))
+        if course.return_time is not None:
+            changes.append((course.return_time, lambda: self._command(context, course.speed, 0.0)))
+        changes.sort(key=lambda change: change[0])
+        for end, change in [*changes, (course.duration, lambda: None)]:
             # In pieces, so that a diverging run ends early.
             while (now := context.get_time()) < end:
                 simulator.AdvanceTo(min(now + CHECK_INTERVAL, end))
                 # Negated, so that NaN counts as divergence.
                 if not abs(self.measure(context) - start) < bound:
                     return True
-            if end < course.duration:
-                self._write_effort(context, self._delay.set_load, course.load)
+            change()
         return False
 
     # --- experiments ------------------------------------------------------------------------------------------------

@@ -24,6 +24,13 @@ DECAY = 0.6
 """An oscillation decays if its RMS in the last quarter of the test is below this fraction of that in the third."""
 
 
+FOLLOWED = 0.05
+"""A loop follows slopes if its mean error at the end of a constant set-point is at most this fraction of the step."""
+
+CONSTANT = 0.5
+"""Time before the end of a constant set-point over which the error is averaged [s]."""
+
+
 def judge(
     t: Floats,
     reference: Floats,
@@ -43,6 +50,9 @@ def judge(
     if the record has fewer than :data:`LEAST_SAMPLES` samples, or if its oscillation about a straight line in the last
     quarter of the time has an RMS above :data:`OSCILLATION` of the step, apart from noise, and does not decay. The same
     holds for `others`: the speed of a car is smooth even if its wheels slip in turns.
+
+    If the set-point returns, the oscillation is also judged from the step to the return, and from there to the end,
+    and the loop is unstable if it does not follow: see :data:`FOLLOWED`.
 
     Args:
         t: [s], shape (n,).
@@ -85,6 +95,11 @@ def judge(
         reason = f"{name or 'the error'} oscillates at the end, RMS {size:.3g}, {size / step:.0%} of the step"
         return Evaluation("unstable", response=response, reason=reason)
 
+    if course.return_time is not None:
+        fault = _fault_on_slopes(t, error, others, course)
+        if fault:
+            return Evaluation("unstable", response=response, reason=fault)
+
     # Costs count the load, figures of the step do not.
     whole = t >= course.step_time - 1e-9
 
@@ -99,6 +114,22 @@ def judge(
         "saturation_time": costs.saturation_time, "rms_jerk": costs.rms_jerk, "peak_jerk": costs.peak_jerk,
     }  # fmt: skip
     return Evaluation("ok", {**figures, **margins}, response)
+
+
+def _fault_on_slopes(t: Floats, error: Floats, others: Mapping[str, Floats], course: Course) -> str:
+    """Return why a loop does not follow the slopes to a set-point and back; empty if it does."""
+    step, end = abs(course.step), float(t[-1])
+    back = end if course.return_time is None else course.return_time
+    for first, last, slope in ((course.step_time, back, "away"), (back, end, "back")):
+        part = (t >= first) & (t <= last)
+        for name, signal in others.items():
+            size = _oscillation(t[part], signal[part])
+            if size > OSCILLATION * step:
+                return f"{name} oscillates on the slope {slope}, RMS {size:.3g}, {size / step:.0%} of the step"
+        left = abs(float(np.mean(error[part & (t > last - CONSTANT)])))
+        if left > FOLLOWED * step:
+            return f"the error after the slope {slope} is {left:.3g}, {left / step:.0%} of the step"
+    return ""
 
 
 def _oscillation(t: Floats, signal: Floats) -> float:

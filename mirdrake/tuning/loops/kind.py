@@ -68,6 +68,10 @@ class LoopKind(ABC):
         """Return the designs by rules, and those that have no solution; `max_sensitivity`: bound on Ms."""
         return make_designs(identification, max_sensitivity=max_sensitivity)
 
+    def at_own_slopes(self, loop: LoopSpec) -> LoopSpec | None:  # noqa: ARG002
+        """Return a loop whose test has the vehicle's own slopes of the set-point; None: the set-point has none."""
+        return None
+
     @abstractmethod
     def make_bench(self, spec: LoopSpec) -> Bench:
         """Build the test bench of a loop."""

@@ -83,7 +83,8 @@ class PathLoop(SignalLoop):
                     DELAY: {"kind": f"{DelayedActuator.__module__}:DelayedActuator", "size": 1, "period": PERIOD}
                 },
                 "connect": [["ego.steering_command", f"{DELAY}.u"], [f"{DELAY}.y", "ego.steering_reference"]],
-                "plant": {"contact": "tyre", **study.plant.model_dump(exclude_unset=True)},
+                # The diagram is linearised, in which the steps of the continuous plant of vertical tyres have no part.
+                "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
                 "duration": self.course(study).duration,
                 "seed": study.seed,
             }

@@ -33,7 +33,7 @@ from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunct
 from mirdrake.tuning.relay import RelayResult, run_relay_test
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.step_test import StepRecord, fit_first_order, fit_integrator
-from mirdrake.vehicles import WHEELS, Vehicle
+from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
 from mirdrake.worlds import World
 
 SLOPE = 0.6
@@ -41,6 +41,9 @@ SLOPE = 0.6
 
 SETTLING = 2.15
 """Time after the ramp of the set-point in which the speed settles [s]; with it the test of a car takes 10 s."""
+
+SLOWEST_SPEED = 0.1
+"""Speed from which the vehicle's own slopes are driven, over the largest speed of the test [1]."""
 
 BANDWIDTH = 1.0
 """Bandwidth of the speed loop that is closed during the experiments [rad/s]."""
@@ -141,6 +144,32 @@ class WheelSpeedLoop(VehicleLoop):
         geometry = vehicle.geometry
         front = vehicle.spec.driven_wheels()[0].startswith("front")
         return geometry.front_wheel_radius if front else geometry.rear_wheel_radius
+
+    def at_own_slopes(self, loop: LoopSpec) -> LoopSpec:
+        """Return a loop whose test is from a low speed to the largest speed of the study's test and back.
+
+        The set-point has the slopes of the vehicle's control.yaml, as in a run.
+        """
+        entry = loop.diagram["vehicles"][loop.vehicle]
+        vehicle = load_vehicle(entry["model"])
+        scale = self.speed_per_output(vehicle)
+        top = max(loop.course.speed, loop.course.speed + loop.course.step * scale)
+        low = SLOWEST_SPEED * top
+
+        # Without the slopes of the test, those of control.yaml remain.
+        slopes = ("max_acceleration", "max_deceleration")
+        speed = {name: value for name, value in entry["control"]["speed"].items() if name not in slopes}
+        changed = {**entry, "speed": low, "control": {**entry["control"], "speed": speed}}
+        limits = vehicle.control.speed
+        back = loop.course.step_time + (top - low) / limits.max_acceleration + SETTLING
+        duration = back + (top - low) / limits.max_deceleration + SETTLING
+        return replace(
+            loop,
+            diagram={**loop.diagram, "vehicles": {**loop.diagram["vehicles"], loop.vehicle: changed}},
+            course=replace(
+                loop.course, speed=low, step=(top - low) / scale, load=0.0, return_time=back, duration=duration
+            ),
+        )
 
     def actuators(self, bench: PlantBench) -> tuple[JointActuator, ...]:
         """Return the actuators of the driven wheels."""
