@@ -224,7 +224,7 @@ class TuningSpec(Schema):
     vehicle: str | None = Field(None, description="name of a vehicle, or a path; not for a loop of a diagram [-]")
     world: str = Field("empty", description="flat, with the same friction everywhere [-]")
     loop: LoopChoice = Field(description="loop to tune: wheel_speed, steering, speed, path, or signals [-]")
-    plant: PlantSpec = Field(default_factory=lambda: PlantSpec(contact="tyre"), description="step and contact [-]")
+    plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact; default by loop [-]")
     test: CourseSpec = Field(default_factory=CourseSpec, description="test manoeuvre [-]")
     baseline: Baseline = Field(
         "present", description="to compare with: present, the controller of the vehicle; published, 100, 0.01, 10 [-]"
