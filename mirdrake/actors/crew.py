@@ -69,10 +69,11 @@ class Bodies:
         rows = np.empty((len(self.vehicles), 5))
         for row, vehicle in zip(rows, self.vehicles, strict=True):
             # Positions of a floating base in Drake: quaternion (w, x, y, z), then translation.
-            w, x, y, z, *place = state[vehicle.position : vehicle.position + 6].tolist()
-            yaw = np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+            w, x, y, z, px, py = state[vehicle.position : vehicle.position + 6].tolist()
             # Velocities of a floating base in Drake: angular velocity (3), then translational velocity in W.
-            row[:] = *place, yaw, *state[vehicle.velocity + 3 : vehicle.velocity + 5]
+            vx, vy = state[vehicle.velocity + 3 : vehicle.velocity + 5].tolist()
+            yaw = float(np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z))
+            row[:] = px, py, yaw, vx, vy
         return rows
 
 

@@ -265,14 +265,15 @@ class Incidents:
     # --- candidates -----------------------------------------------------------------------------------------------
 
     def _near(self, volume: Volume, poses: Array) -> list[PlacedProp]:
-        """Return the props that a vehicle may touch on its path, or have a contact with."""
+        """Return the props that a vehicle may touch at its poses, or have a contact with."""
         good = poses[np.isfinite(poses).all(axis=1)]
         if not self._props or not volume.slabs or not len(good):
             return []
-        # Radius of the circle around the origin that contains the outline, for a coarse search along the driven line.
-        reach = float(np.hypot(*volume.outline.T).max()) + NEAR
-        line = shapely.LineString(good[:, :2]) if len(good) > 1 else shapely.Point(good[0, :2])
-        return [self._props[index] for index in sorted(self._tree.query(line, predicate="dwithin", distance=reach))]
+        # The hull of the vehicle and the footprint of a prop are at least as near to each other as their slabs are.
+        shapes = shapely.polygons(place_outline(volume.outline, good))
+        return [
+            self._props[index] for index in np.unique(self._tree.query(shapes, predicate="dwithin", distance=NEAR)[1])
+        ]
 
     def _may_meet(self, name: str, mine: Array, other: str, theirs: Array) -> bool:
         volumes = (self.volumes[name], self.volumes[other])
