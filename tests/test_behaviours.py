@@ -12,10 +12,13 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from shapely import affinity
 
+from mirdrake.controllers.behaviours.base import View
 from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
+from mirdrake.controllers.behaviours.fan import REACH
 from mirdrake.controllers.behaviours.follow_path import FollowPathSpec, track_through
 from mirdrake.controllers.behaviours.hold_lane import HoldLane, HoldLaneSpec, Lane
 from mirdrake.controllers.behaviours.laws import (
+    approach_speed,
     brake_speed,
     free_distance,
     gap_to,
@@ -148,6 +151,19 @@ def test_the_braking_profile_stops_within_its_gap():
         assert speed * 0.4 + speed**2 / 6.0 == pytest.approx(gap)
 
 
+def test_no_speed_is_higher_than_the_car_can_stop_from_within_the_range_of_the_scan():
+    braking = {"distance": 5.0, "deceleration": 3.0, "reaction": 0.3}
+    fastest = approach_speed(math.inf, period=0.05, **braking)
+    # v (T + t) + v²/(2 a) = 50 - 5, solved for v.
+    assert fastest == pytest.approx(-3.0 * 0.35 + math.sqrt((3.0 * 0.35) ** 2 + 2.0 * 3.0 * 45.0), abs=1e-12)
+    assert fastest == pytest.approx(15.415, abs=1e-3)
+    # An obstacle that came within the range right after the last decision does not ask for less than that speed.
+    late = REACH - fastest * 0.05
+    assert approach_speed(late, period=0.05, **braking) == pytest.approx(fastest, abs=1e-12)
+    assert approach_speed(late - 0.1, period=0.05, **braking) < fastest
+    assert approach_speed(20.0, period=0.05, **braking) == brake_speed(15.0, deceleration=3.0, reaction=0.3)
+
+
 def first_contact(point, curvature, box, reach, step=0.002):
     """Return the free distance by sampling poses along the path."""
     distances = np.arange(0.0, reach, step)
@@ -232,6 +248,21 @@ def test_a_predicted_path_turns_with_the_rate_of_the_steering():
     ramp = (math.log(math.cos(-0.1)) - math.log(math.cos(0.4))) / 0.125 / 2.6
     assert yaw[-1] == pytest.approx(ramp + math.tan(0.4) / 2.6 * (12.0 - 4.0), abs=2e-4)
     assert math.hypot(np.diff(x)[0], np.diff(y)[0]) == pytest.approx(0.25)
+
+
+def test_the_way_back_to_the_line_keeps_half_of_the_clearance():
+    """A post beside the front end, 0.35 m away: the way back to the line 0.5 m aside would pass at 0.21 m."""
+    driver = make_driver("straight_and_avoid", WorldStandIn())
+    aside = driver.outline.half_width + 0.35
+    memory = np.full(4 + 2 * 256, math.nan)
+    memory[:4] = 0.0, -0.5, 0.0, 0.0  # the line, along x, and the steering angle
+
+    def steering(x):
+        view = View(0.0, 0.0, 0.0, 4.0, np.empty(0), np.array([[x, -aside]]))
+        return driver.decide(view, memory.copy()).steering
+
+    assert steering(3.5) == 0.0
+    assert steering(0.5) == pytest.approx(driver.law.steering(line_curvature(0.5, 0.0, distance=3.2)))
 
 
 def test_the_return_to_the_line_decays_over_its_distance():
@@ -320,6 +351,31 @@ def test_the_profile_stops_in_time_at_any_speed(speed):
     run = drive({"kind": "obstacle_stopper", "speed": speed, "distance": 5.0}, [wall], duration=20.0, speed=speed)
     assert run.speed[-1] < 1e-3
     assert run.clearance[-1] == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "distance", "deceleration"),
+    [
+        ("obstacle_stopper", 5.0, 3.0),
+        ("drive_to_nearest_and_stop", 2.0, 2.0),
+        ("straight_and_avoid", 1.0, 3.0),
+        ("hold_lane", 2.0, 2.0),
+    ],
+)
+def test_a_fast_driver_stops_before_what_comes_within_its_range(kind, distance, deceleration):
+    """With a set-point of 30 m/s: the speed is that of the assured clear distance, and the gap is kept."""
+    wall, road = block(150.0, -60.0, 151.0, 60.0), track_through([(0, 0), (400, 0)], radius=9.0)
+    run = drive({"kind": kind, "speed": 30.0}, [wall], tracks={"main": road}, speed=10.0, duration=35.0)
+    steady = run.speed[run.x < 150.0 - FRONT - REACH - 1.0]
+    lag = deceleration * 0.35  # reaction and period
+    fastest = math.sqrt(lag**2 + 2.0 * deceleration * (REACH - distance)) - lag
+    assert steady.max() == pytest.approx(fastest, abs=0.01)
+    assert run.speed[-1] < 0.01
+    assert distance - 0.1 < run.clearance[-1] < distance + 0.5
+    # The published switch has no such limit: it commands its set-point up to the distance, and hits.
+    if kind == "obstacle_stopper":
+        published = {"kind": kind, "speed": 30.0, "as_published": True}
+        assert drive(published, [wall], speed=10.0, duration=35.0).clearance[-1] == 0.0
 
 
 def test_the_profile_looks_along_the_curve():

@@ -1,6 +1,10 @@
 """Traffic in whole runs: impacts, red lights, streams of random numbers, other vehicles, search."""
 
+import json
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +29,7 @@ from tests.actor_rigs import simulation, world_file
 from tests.test_actor_entries import chain
 
 DT = 0.02  # [s]
+BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 
 
 def states_over(world: World, duration: float) -> list[Any]:
@@ -49,6 +54,19 @@ class Stopper(NamedTuple):
     def begins_at(self, speed: float) -> float:
         """Return the gap at which it begins to brake for something at rest [m]."""
         return self.distance + self.reaction * speed + speed**2 / (2.0 * self.deceleration)
+
+    def speed_at(self, gap: float) -> float:
+        """Return the largest speed with a gap [m] to the car ahead, m/s; infinite gap: beyond the range of the scan.
+
+        It stops before what it sees, and within its range of 50 m, where a car is noticed up to 50 ms late.
+        """
+
+        def stopping_from(rest: float, delay: float) -> float:
+            lag = self.deceleration * delay
+            return math.sqrt(lag**2 + 2.0 * self.deceleration * max(rest - self.distance, 0.0)) - lag
+
+        seen = stopping_from(gap, self.reaction) if gap < 50.0 else math.inf
+        return min(seen, stopping_from(50.0, self.reaction + 0.05))
 
 
 class Target(NamedTuple):
@@ -99,7 +117,8 @@ def kinematic_impact(speed: float, target: Target, driver: Stopper, braking: Bra
     decision before the present one when both are due. The speed differs from the set-point by the response of the
     vehicle to all changes of the slope.
     """
-    dt, v, x, command, setpoint, acceleration = 0.01, speed, 0.0, speed, speed, 0.0
+    dt, v, x, setpoint, acceleration = 0.01, speed, 0.0, speed, 0.0
+    command = min(speed, driver.speed_at(target.at(0.0)[0]))  # of the initialisation
     slopes = [0.0]
     for k in range(1500):
         place, other = target.at(k * dt)
@@ -116,10 +135,7 @@ def kinematic_impact(speed: float, target: Target, driver: Stopper, braking: Bra
             after = max(setpoint + float(np.diff(slopes) @ braking.response[age]), 0.0)
             acceleration = (after - v) / 0.02
         if k % 5 == 0:
-            lag = driver.deceleration * driver.reaction
-            rest = max(gap - driver.distance, 0.0)
-            allowed = math.sqrt(lag**2 + 2.0 * driver.deceleration * rest) - lag
-            command = min(speed, allowed) if gap < 50.0 else speed
+            command = min(speed, driver.speed_at(gap))
         x += v * dt + 0.5 * acceleration * dt**2
         v += acceleration * dt
     return 15.0, None
@@ -166,6 +182,22 @@ def test_car_to_car_rear_with_the_braking_profile_of_obstacle_stopper_is_as_the_
         assert bool(hits) == (expected is not None), name
         if expected is not None:
             assert hits[0]["difference_mps"] == pytest.approx(expected, abs=0.3), name
+        # A driver that brakes as hard as it believes stops within what it sees, at any speed.
+        if name == "stationary" and driver.deceleration < braking.down:
+            assert expected is None
+
+
+@pytest.mark.slow
+def test_a_hundred_actors_cost_less_than_a_third_of_the_vehicle_and_a_scan_among_thirty_cars_4_ms() -> None:
+    """Processor times without and with actors in turn, so that the load of the machine cancels out."""
+    command = [sys.executable, str(BENCHMARKS / "actors.py"), "--pairs", "5", "--scans", "40"]
+    one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(BENCHMARKS.parent)}
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | one_thread)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    for contact in ("point", "hydroelastic"):
+        assert found[f"100_actors_{contact}"]["more_percent"] < 30.0, found
+    assert found["lidar_16x900"]["among_30_cars_ms"] < 4.0, found
 
 
 @pytest.mark.slow

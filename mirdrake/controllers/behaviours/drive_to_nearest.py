@@ -2,7 +2,7 @@
 
 The object that is nearest at first is kept in mind: of each new scan, what is nearest to the last place counts, if it
 is within 2 m of it; else the nearest of all. The car steers on the circle through it, curvature 2 y/(x^2 + y^2) (pure
-pursuit: R. C. Coulter, CMU-RI-TR-92-01), and brakes on :func:`~.laws.brake_speed`.
+pursuit: R. C. Coulter, CMU-RI-TR-92-01), and brakes on :func:`~.laws.approach_speed`.
 """
 
 import math
@@ -13,7 +13,7 @@ from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
-from mirdrake.controllers.behaviours.laws import brake_speed, free_distance, gap_to
+from mirdrake.controllers.behaviours.laws import approach_speed, free_distance, gap_to
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
@@ -38,7 +38,7 @@ class DriveToNearest(Behaviour):
         points = view.points
         if len(points) == 0:
             memory[:] = math.nan
-            return Decision(self.spec.speed, 0.0)
+            return Decision(min(self.spec.speed, self._profile(math.inf)), 0.0)
         cos, sin = math.cos(view.yaw), math.sin(view.yaw)
         place = memory - (view.x, view.y)
         last = np.array([cos * place[0] + sin * place[1], cos * place[1] - sin * place[0]])
@@ -55,10 +55,19 @@ class DriveToNearest(Behaviour):
         steering = self.law.clip(self.law.steering(2.0 * y / (x * x + y * y)))
         curvature = self.law.curvature(steering)
         way = free_distance(points, [curvature], self.outline)[0]
-        gap = min(float(gaps[target]), float(way)) - self.spec.distance
-        profile = brake_speed(gap, deceleration=self.spec.deceleration, reaction=self.spec.reaction)
+        profile = self._profile(min(float(gaps[target]), float(way)))
         limit = math.sqrt(self.spec.lateral_acceleration / max(abs(curvature), 1e-6))
         return Decision(min(self.spec.speed, profile, limit), steering)
+
+    def _profile(self, gap: float) -> float:
+        """Return the largest speed with an obstacle at a gap [m], m/s."""
+        return approach_speed(
+            gap,
+            distance=self.spec.distance,
+            deceleration=self.spec.deceleration,
+            reaction=self.spec.reaction,
+            period=self.spec.period,
+        )
 
 
 class DriveToNearestSpec(BehaviourDriver):

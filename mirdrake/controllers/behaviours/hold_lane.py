@@ -9,7 +9,7 @@ from pydantic import Field
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.behaviours.fan import BEAMS, Fan, range_signals
-from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
+from mirdrake.controllers.behaviours.laws import approach_speed, stopping_distance
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, Reaction, find_track
@@ -102,10 +102,12 @@ class HoldLane(PathTracker):
         super()._step(context, values)
         speed, steering, stamp = values.value(self._command).tolist()
         progress = float(values.value(self._error)[2])
-        profile = brake_speed(
-            self._gap(context, progress, speed) - self.distance,
+        profile = approach_speed(
+            self._gap(context, progress, speed),
+            distance=self.distance,
             deceleration=self.limits.deceleration,
             reaction=self.reaction,
+            period=self.period,
         )
         values.set_value(self._command, Command(min(speed, profile), steering, stamp))
 

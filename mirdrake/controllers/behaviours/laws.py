@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.controllers.behaviours.fan import Array
+from mirdrake.controllers.behaviours.fan import REACH, Array
 from mirdrake.controllers.behaviours.outline import Outline
 
 _STEEPEST = 0.5  # tangent of the steepest angle at which a line is approached
@@ -42,6 +42,28 @@ def brake_speed(gap: float, *, deceleration: float, reaction: float) -> float:
 def stopping_distance(speed: float, *, deceleration: float, reaction: float) -> float:
     """Return the distance [m] that :func:`brake_speed` needs for a speed [m/s]."""
     return speed * reaction + 0.5 * speed * speed / deceleration
+
+
+def approach_speed(gap: float, *, distance: float, deceleration: float, reaction: float, period: float) -> float:
+    """Return the speed [m/s] from which the car stops before what it sees, and within the range of the scan.
+
+    Without the second part, the assured clear distance ahead, a fast car sees an obstacle too late to stop. What comes
+    within the range right after a decision is noticed at the next one, a period T later. The speed is therefore the
+    smaller one of :func:`brake_speed` and of the v with::
+
+        v T + v t + v^2/(2 a) = REACH - distance
+
+    Args:
+        gap: distance of the nearest obstacle on the way [m]; infinite without one.
+        distance: the gap that is left when the car stops [m].
+        deceleration: a [m/s^2].
+        reaction: t, the delay until the brakes act [s].
+        period: T, the time between decisions [s].
+    """
+    return min(
+        brake_speed(gap - distance, deceleration=deceleration, reaction=reaction),
+        brake_speed(REACH - distance, deceleration=deceleration, reaction=reaction + period),
+    )
 
 
 def line_curvature(lateral: float, heading: float, *, distance: float) -> float:

@@ -9,6 +9,8 @@ mir_vehicle_fasil; generated from Simulink, model 1.8) fed by its `distanceEstim
 commanded at 5 m, whatever the speed. A car that then brakes with a after a delay t stops ``5 m - v t - v^2/(2 a)`` from
 the obstacle and hits it when that is negative; with a = 5 m/s^2 and no delay above 7.1 m/s. (Model 1.86 puts a state
 machine for a three-second distance before the same switch; it is not reproduced here.)
+
+With the braking profile, the speed is also limited to that from which the car stops within the range of the scan.
 """
 
 from typing import Literal
@@ -18,7 +20,7 @@ from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
-from mirdrake.controllers.behaviours.laws import brake_speed, free_distance
+from mirdrake.controllers.behaviours.laws import approach_speed, free_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction, SteeringAngle
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
@@ -44,8 +46,13 @@ class ObstacleStopper(Behaviour):
         if self.spec.as_published:
             dist = float(view.ranges[self._ahead].min())
             return Decision(published_speed(self.spec.speed, dist, distance=self.spec.distance), self.steering)
-        gap = free_way(view.points, self.law.curvature(self.steering), self.outline) - self.spec.distance
-        profile = brake_speed(gap, deceleration=self.spec.deceleration, reaction=self.spec.reaction)
+        profile = approach_speed(
+            free_way(view.points, self.law.curvature(self.steering), self.outline),
+            distance=self.spec.distance,
+            deceleration=self.spec.deceleration,
+            reaction=self.spec.reaction,
+            period=self.spec.period,
+        )
         return Decision(min(self.spec.speed, profile), self.steering)
 
 

@@ -4,10 +4,10 @@ At every decision the car predicts its path for a number of steering angles: the
 steering, then it stays (the dynamic window of D. Fox, W. Burgard, S. Thrun, The dynamic window approach to collision
 avoidance, IEEE Robotics & Automation Magazine 4(1), 1997, for a car with a limited steering rate). Each path is free
 as far as a box as wide as the car and the clearance to both sides can follow it. The path back to the line is taken
-when it is free as far as the car looks. Otherwise that one counts on which the bumper makes most way along the line,
-with the whole clearance and with half of it alike, with a little preference for the present steering and for the way
-back, so that the car does not alternate between two sides. The speed is such that the car can stop before the chosen
-path ends for half the clearance.
+when it is free as far as the car looks, with the whole clearance and with half of it. Otherwise that one counts on
+which the bumper makes most way along the line, with the whole clearance and with half of it alike, with a little
+preference for the present steering and for the way back, so that the car does not alternate between two sides. The
+speed is such that the car can stop before the chosen path ends for half the clearance.
 
 The scan does not see beside the car: what passes out of it is remembered until the car has gone by.
 """
@@ -22,7 +22,7 @@ from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
-from mirdrake.controllers.behaviours.laws import brake_speed, line_curvature, stopping_distance
+from mirdrake.controllers.behaviours.laws import approach_speed, line_curvature, stopping_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
@@ -86,11 +86,11 @@ class StraightAndAvoid(Behaviour):
         wanted = self._wanted(lateral, heading, convergence, largest)
         back = self._back(lateral, heading, convergence, largest, present, change, steps)
         steering, way = wanted, math.inf
+        clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
         # Paths are compared only if the way back to the line is not free.
-        if free_ways([self.spec.clearance], points, self._paths(back[None]), self._box)[0, 0] < steps:
+        if free_ways(clearances, points, self._paths(back[None]), self._box).min() < steps:
             angles: Array = np.append(largest * self._shares, wanted)
             paths = self._paths(turning(present, angles, change, steps))
-            clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
             wide, narrow = free_ways(clearances, points, paths, self._box)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(self._progress(paths, heading, way) for way in (wide, narrow)) / (2.0 * look)
@@ -99,8 +99,12 @@ class StraightAndAvoid(Behaviour):
             steering = float(angles[chosen])
             way = float(narrow[chosen]) * _STEP if narrow[chosen] < steps else math.inf
         memory[3] = self.law.approach(present, steering, period=self.period)
-        profile = brake_speed(
-            way - self.spec.distance, deceleration=self.spec.deceleration, reaction=self.spec.reaction
+        profile = approach_speed(
+            way,
+            distance=self.spec.distance,
+            deceleration=self.spec.deceleration,
+            reaction=self.spec.reaction,
+            period=self.spec.period,
         )
         # Lateral acceleration v² κ.
         limit = math.sqrt(self.spec.lateral_acceleration / max(abs(self.law.curvature(steering)), 1e-6))
