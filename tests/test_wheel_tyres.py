@@ -165,7 +165,7 @@ def test_compiled_and_python_steps_are_equal(bolt, kind):
     tyres, law = assembly.tyres["ego"], tyre_kind(kind).law.forces
     context = tyres.CreateDefaultContext()
     quick, results = tyres.equations.step, []
-    for step in (quick, lambda *given: tyre_step(law, *map(with_dots, given))):
+    for step in (quick, lambda given: tyre_step(law, *map(with_dots, given))):
         random, samples = np.random.default_rng(5), []
         tyres.equations.step = step
         context.get_mutable_discrete_state().SetFrom(tyres.CreateDefaultContext().get_discrete_state())

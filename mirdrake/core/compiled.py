@@ -142,6 +142,30 @@ def _compiled(
     return _cached(calling, version, nogil=nogil)
 
 
+def entry_point(function: Callable[..., Any]) -> Callable[[tuple[Any, ...]], Any]:
+    """Return a compiled function as one of a tuple of its arguments, whose types are checked in the first call only.
+
+    The check takes microseconds for records and named tuples, which have many fields. The arguments of later calls must
+    have the types of the first ones.
+
+    Args:
+        function: a function of :func:`compiled` with laws.
+    """
+    machine_code: Any = function
+    quick: Callable[[tuple[Any, ...]], Any] | None = None
+
+    def call(arguments: tuple[Any, ...]) -> Any:
+        nonlocal quick
+        if quick is None:
+            if not hasattr(machine_code, "compile"):  # Numba is switched off
+                return machine_code(*arguments)
+            # All arguments of a function around laws are one tuple for Numba.
+            quick = machine_code.compile((machine_code.typeof_pyval(arguments),))
+        return quick(arguments)
+
+    return call
+
+
 def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Callable[..., Any]:
     """Return a compiled function whose machine code is cached with the version as part of its key."""
     from numba import njit

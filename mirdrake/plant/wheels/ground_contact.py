@@ -28,7 +28,7 @@ from collections.abc import MutableSequence, Sequence
 from math import acos, asin, sin, sqrt
 from typing import NamedTuple
 
-from mirdrake.ground.layers import TerrainData, ground_at
+from mirdrake.ground.layers import TerrainData, ground_at, ground_height
 from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace, wheel_pose
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
@@ -290,7 +290,7 @@ def effective_plane(
         gap = 0.0
         for k in range(0, samples, _STRIDE):
             s = -_REACH * radius + k * step
-            z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
+            z = ground_height(terrain, x0 + s * ex, y0 + s * ey)
             raised, gap_before = (z - z0 - s * incline) / below, gap
             change, level_w, spring, gap = _strip(radius, s, gradient * s - height, raised)
             row_energy += change * step * spring
@@ -301,7 +301,7 @@ def effective_plane(
                 continue
             for j in range(k - _STRIDE + 1, k):
                 s = -_REACH * radius + j * step
-                z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
+                z = ground_height(terrain, x0 + s * ex, y0 + s * ey)
                 raised = (z - z0 - s * incline) / below
                 change, level_w, spring, _ = _strip(radius, s, gradient * s - height, raised)
                 row_energy += change * step * spring

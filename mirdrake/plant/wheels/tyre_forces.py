@@ -17,7 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer, ZeroOrderHold
 
-from mirdrake.core.compiled import Records, compiled, record_type, records
+from mirdrake.core.compiled import Records, compiled, entry_point, record_type, records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
@@ -195,7 +195,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
 
         # The law, compiled into the step, and the curves of the tyres at their loads.
         law, laws = wheel_laws(part)
-        self.step = compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts))
+        self.step = entry_point(compiled(bearing.step, law.forces, parts=(*bearing.parts, *law.parts)))
         self._tyres = TyreCurves(law, laws, bearing.static_loads)
 
         # Vectors of the ports are copied to and from arrays of which the arguments of the step are views.
@@ -284,9 +284,9 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
         first, again = self._arguments
         # The step reports missing curves; they are made in Python, then the step is repeated.
-        if not self.step(*first):
+        if not self.step(first):
             self._tyres.make(self._friction.tolist())
-            if not self.step(*again):  # the state is NaN
+            if not self.step(again):  # the state is NaN
                 self._solution.fill(np.nan)
 
 
