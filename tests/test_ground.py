@@ -10,6 +10,7 @@ from scipy.signal import csd, welch
 from scipy.special import k1
 
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.ground.layers import ground_at, ground_height
 from mirdrake.ground.roughness import REFERENCE_FREQUENCY, ROUGHNESS, Roughness
 from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
 
@@ -187,3 +188,18 @@ def test_layers_above_another_terrain_are_those_of_one_terrain() -> None:
     assert not raised.even
     assert raised.samples > 0
     assert FLAT.with_layers([]).flat
+
+
+def test_the_height_alone_is_that_of_height_and_slopes() -> None:
+    random = np.random.default_rng(6)
+    grids = [
+        Grid(random.normal(size=(7, 9)), 0.7, x=-2.0, y=1.0, yaw=0.4, smooth=smooth, periodic=periodic)
+        for smooth in (False, True)
+        for periodic in (False, True)
+    ]
+    features = [Block(0.2, 0.5, 2.0, 0.5, width=3.0, side=0.5, x=2.0), Wave(0.1, 3.0, width=4.0, side=0.5, y=1.0)]
+    kerb = Kerb(left=False, height=0.1, face=0.1, top=1.0)
+    data = Terrain([Plane(0.3, 0.02, -0.01), *grids, arc(radius=30.0, angle=0.5, bank=0.05, kerb=kerb), *features]).data
+    data = data._replace(layers=data.layers.view(np.recarray))  # type: ignore[attr-defined]
+    for x, y in random.uniform((-10.0, -10.0), (20.0, 10.0), (500, 2)).tolist():
+        assert ground_height(data, x, y) == ground_at(data, x, y)[0]
