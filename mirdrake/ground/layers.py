@@ -504,4 +504,4 @@ GROUND_PARTS = (
     _foot,
     _hermite,
 )
-"""Functions that :mod:`mirdrake.core.compiled` compiles with those that use :func:`ground_at` or :func:`ground_height`."""
+"""Functions that :mod:`mirdrake.core.compiled` compiles with users of :func:`ground_at` or :func:`ground_height`."""
