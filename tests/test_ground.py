@@ -10,7 +10,7 @@ from scipy.signal import csd, welch
 from scipy.special import k1
 
 from mirdrake.ground import FLAT, Terrain
-from mirdrake.ground.layers import ground_at, ground_height
+from mirdrake.ground.layers import ground_at, ground_height, ground_heights
 from mirdrake.ground.roughness import REFERENCE_FREQUENCY, ROUGHNESS, Roughness
 from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
 
@@ -203,3 +203,8 @@ def test_the_height_alone_is_that_of_height_and_slopes() -> None:
     data = data._replace(layers=data.layers.view(np.recarray))  # type: ignore[attr-defined]
     for x, y in random.uniform((-10.0, -10.0), (20.0, 10.0), (500, 2)).tolist():
         assert ground_height(data, x, y) == ground_at(data, x, y)[0]
+    places = np.linspace(-9.0, 9.0, 40)
+    along, x, y, ex, ey = np.zeros(40), -1.0, 0.5, 0.8, 0.6
+    ground_heights(data, x, y, ex, ey, places, 3, 40, along)
+    assert along[:3].tolist() == [0.0, 0.0, 0.0]
+    assert along[3:].tolist() == [ground_height(data, x + s * ex, y + s * ey) for s in places[3:]]

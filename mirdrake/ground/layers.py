@@ -142,22 +142,67 @@ def ground_height(terrain: TerrainData, x: float, y: float) -> float:
     z = 0.0
     for i in range(len(terrain.layers)):
         layer = terrain.layers[i]
-        kind = layer.kind
-        if kind == PLANE:
-            z = z + layer.a + layer.b * x + layer.c * y
-            continue
-        if kind == TRACK:
-            z = _on_track(terrain, layer, x, y, z, 0.0, 0.0)[0]
-            continue
-        dx, dy = x - layer.x, y - layer.y
-        u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
-        if kind in (BLOCK, WAVE):
-            z += _feature(layer, u, v)[0]
-        elif kind == BILINEAR:
-            z += _bilinear(terrain.heights, layer, u, v)[0]
-        else:
+        if layer.kind == SPLINE:
+            dx, dy = x - layer.x, y - layer.y
+            u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
             z += _spline_height(terrain.heights, layer, u, v)
+        else:
+            z = _with_layer(terrain, layer, x, y, z)
     return z
+
+
+def ground_heights(
+    terrain: TerrainData,
+    x: float,
+    y: float,
+    ex: float,
+    ey: float,
+    places: npt.NDArray[np.float64],
+    begin: int,
+    end: int,
+    heights: npt.NDArray[np.float64],
+) -> None:
+    """Compute the heights of :func:`ground_height` along a line, bit-equal, in half of the time.
+
+    Args:
+        terrain: the ground.
+        x: start of the line in the world [m].
+        y: the same.
+        ex: its direction.
+        ey: the same.
+        places: positions along it [m].
+        begin: index of the first position that is used.
+        end: index after the last one.
+        heights: overwritten from `begin` to `end`.
+    """
+    for k in range(begin, end):
+        heights[k] = 0.0
+    for i in range(len(terrain.layers)):
+        layer = terrain.layers[i]
+        if layer.kind == SPLINE and layer.periodic != 0:
+            _add_periodic_spline(terrain.heights, layer, x, y, ex, ey, places, begin, end, heights)
+            continue
+        for k in range(begin, end):
+            px, py = x + places[k] * ex, y + places[k] * ey
+            if layer.kind == SPLINE:
+                dx, dy = px - layer.x, py - layer.y
+                u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
+                heights[k] += _spline_height(terrain.heights, layer, u, v)
+            else:
+                heights[k] = _with_layer(terrain, layer, px, py, heights[k])
+
+
+def _with_layer(terrain: TerrainData, layer: Any, x: float, y: float, z: float) -> float:
+    """Return the height with a further layer that is not a spline on the layers below it."""
+    if layer.kind == PLANE:
+        return z + layer.a + layer.b * x + layer.c * y
+    if layer.kind == TRACK:
+        return _on_track(terrain, layer, x, y, z, 0.0, 0.0)[0]
+    dx, dy = x - layer.x, y - layer.y
+    u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
+    if layer.kind == BILINEAR:
+        return z + _bilinear(terrain.heights, layer, u, v)[0]
+    return z + _feature(layer, u, v)[0]
 
 
 def heights_at(
@@ -243,6 +288,64 @@ def _spline_height(heights: npt.NDArray[np.float32], layer: Any, u: float, v: fl
         weight = b0 if k == 0 else (b1 if k == 1 else (b2 if k == 2 else b3))
         z += weight * (a0 * c0 + a1 * c1 + a2 * c2 + a3 * c3)
     return z
+
+
+def _add_periodic_spline(
+    coefficients: npt.NDArray[np.float32],
+    layer: Any,
+    x: float,
+    y: float,
+    ex: float,
+    ey: float,
+    places: npt.NDArray[np.float64],
+    begin: int,
+    end: int,
+    heights: npt.NDArray[np.float64],
+) -> None:
+    """Add the heights of a periodic grid along a line; arguments as in :func:`ground_heights`."""
+    # Variables instead of fields: the loop writes to memory, so that LLVM would read the fields in each round.
+    x0, y0, cosine, sine, cell = layer.x, layer.y, layer.cosine, layer.sine, layer.cell
+    first, rows, columns = layer.first, layer.rows, layer.columns
+    # A modulo takes longer than the sum of a row of coefficients; within a period, a difference is sufficient.
+    dx, dy = x - x0, y - y0
+    i_start = floor((cosine * dx + sine * dy) / cell / columns) * columns
+    j_start = floor((cosine * dy - sine * dx) / cell / rows) * rows
+    for k in range(begin, end):
+        dx, dy = x + places[k] * ex - x0, y + places[k] * ey - y0
+        column, row = (cosine * dx + sine * dy) / cell, (cosine * dy - sine * dx) / cell
+        i, j = floor(column), floor(row)
+        a0, a1, a2, a3, _, _, _, _ = _spline_weights(column - i)
+        b0, b1, b2, b3, _, _, _, _ = _spline_weights(row - j)
+        i, j = i - i_start, j - j_start
+        if i < 0 or i >= columns:
+            i = i % columns
+        if j < 0 or j >= rows:
+            j = j % rows
+        i0, i2 = i - 1 if i > 0 else columns - 1, i + 1 if i + 1 < columns else 0
+        j0, j2 = j - 1 if j > 0 else rows - 1, j + 1 if j + 1 < rows else 0
+        i3, j3 = i2 + 1 if i2 + 1 < columns else 0, j2 + 1 if j2 + 1 < rows else 0
+        s0, s1, s2, s3 = first + j0 * columns, first + j * columns, first + j2 * columns, first + j3 * columns
+        z = 0.0
+        z += b0 * _four(coefficients, s0 + i0, s0 + i, s0 + i2, s0 + i3, a0, a1, a2, a3)
+        z += b1 * _four(coefficients, s1 + i0, s1 + i, s1 + i2, s1 + i3, a0, a1, a2, a3)
+        z += b2 * _four(coefficients, s2 + i0, s2 + i, s2 + i2, s2 + i3, a0, a1, a2, a3)
+        z += b3 * _four(coefficients, s3 + i0, s3 + i, s3 + i2, s3 + i3, a0, a1, a2, a3)
+        heights[k] += z
+
+
+def _four(
+    numbers: npt.NDArray[np.float32],
+    i0: int,
+    i1: int,
+    i2: int,
+    i3: int,
+    a0: float,
+    a1: float,
+    a2: float,
+    a3: float,
+) -> float:
+    """Return the sum of four numbers with weights."""
+    return a0 * numbers[i0] + a1 * numbers[i1] + a2 * numbers[i2] + a3 * numbers[i3]
 
 
 def _spline_place(layer: Any, u: float, v: float) -> tuple[int, int, float, float, float, float]:
@@ -488,11 +591,15 @@ def _hermite(p: float, dp: float, q: float, dq: float, t: float) -> tuple[float,
 GROUND_PARTS = (
     ground_at,
     ground_height,
+    ground_heights,
+    _with_layer,
     _node,
     _inside,
     _bilinear,
     _spline,
     _spline_height,
+    _add_periodic_spline,
+    _four,
     _spline_place,
     _around,
     _reflected,

@@ -28,7 +28,9 @@ from collections.abc import MutableSequence, Sequence
 from math import acos, asin, sin, sqrt
 from typing import NamedTuple
 
-from mirdrake.ground.layers import TerrainData, ground_at, ground_height
+import numpy as np
+
+from mirdrake.ground.layers import TerrainData, ground_at, ground_heights
 from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace, wheel_pose
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
@@ -277,7 +279,6 @@ def effective_plane(
         gradient = (zx * ex + zy * ey) / below
         if samples > 0:  # that of a face is for the samples: its tangent plane would leave the sampled chord
             gradient = max(-_GRADE, min(_GRADE, gradient))
-        incline = gradient * below
         px, py, pz = cx + offset * axle[0], cy + offset * axle[1], cz + offset * axle[2]
         height = (pz - z0 + zx * (x0 - px) + zy * (y0 - py)) / below
         norm = sqrt(1.0 + gradient * gradient)
@@ -285,28 +286,16 @@ def effective_plane(
         depth = radius - height / norm
         row_energy, moment = _plane_energy(radius, depth), _plane_moment(radius, depth)
         row_x, row_w = moment * gradient / norm, -moment / norm
-        # Differences to those of the tangent plane.
-        step = 2.0 * _REACH * radius / (samples - 1) if samples > 1 else 0.0
-        gap = 0.0
-        for k in range(0, samples, _STRIDE):
-            s = -_REACH * radius + k * step
-            z = ground_height(terrain, x0 + s * ex, y0 + s * ey)
-            raised, gap_before = (z - z0 - s * incline) / below, gap
-            change, level_w, spring, gap = _strip(radius, s, gradient * s - height, raised)
-            row_energy += change * step * spring
-            row_x += change * step * s
-            row_w += change * step * level_w
-            # Far from the ground the skipped samples cannot contribute.
-            if k == 0 or min(gap, gap_before) > _GAP:
-                continue
-            for j in range(k - _STRIDE + 1, k):
-                s = -_REACH * radius + j * step
-                z = ground_height(terrain, x0 + s * ex, y0 + s * ey)
-                raised = (z - z0 - s * incline) / below
-                change, level_w, spring, _ = _strip(radius, s, gradient * s - height, raised)
-                row_energy += change * step * spring
-                row_x += change * step * s
-                row_w += change * step * level_w
+        if samples > 0:
+            row_energy, row_x, row_w = _with_samples(
+                terrain,
+                samples,
+                radius,
+                (x0, y0, z0),
+                ahead,
+                (gradient, height, below),
+                (row_energy, row_x, row_w),
+            )
         row_energy = max(row_energy, 0.0)
         energy += row_energy
         moment_x += row_x
@@ -334,7 +323,74 @@ def effective_plane(
     return EffectivePlane(deflection, slope / size, rise / size, tilt / weight, 1.0)
 
 
-def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[float, float, float, float]:
+def _with_samples(
+    terrain: TerrainData,
+    samples: int,
+    radius: float,
+    lowest: tuple[float, float, float],
+    ahead: tuple[float, float],
+    tangent: tuple[float, float, float],
+    integrals: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return energy and moments of a disc with the differences of the sampled ground to its tangent plane.
+
+    Args:
+        terrain: the ground.
+        samples: number of samples along the disc.
+        radius: radius of the wheel [m].
+        lowest: ground below the lowest point of the disc (3) [m].
+        ahead: horizontal direction in the disc (2).
+        tangent: of the tangent plane gradient in the disc [1], height below the wheel centre [m], and length upwards in
+            the disc over height [1].
+        integrals: P [m⁴], and the components of -S ahead and upwards in the disc [m³], of the tangent plane.
+    """
+    (x0, y0, z0), (ex, ey), (gradient, height, below) = lowest, ahead, tangent
+    energy, moment_x, moment_w = integrals
+    incline = gradient * below
+    # Positions and heights of the samples, the first ones every eighth, and whether those before it are taken.
+    rows = np.empty((3, samples))
+    places, heights, near = rows[0], rows[1], rows[2]
+    # Every eighth sample, then those between where the ground is near: far from it they cannot contribute.
+    step = 2.0 * _REACH * radius / (samples - 1) if samples > 1 else 0.0
+    coarse = 0
+    for k in range(0, samples, _STRIDE):
+        places[coarse] = -_REACH * radius + k * step
+        coarse += 1
+    ground_heights(terrain, x0, y0, ex, ey, places, 0, coarse, heights)
+    count, gap = coarse, 0.0
+    for c in range(coarse):
+        s, gap_before = places[c], gap
+        raised = (heights[c] - z0 - s * incline) / below
+        gap = _gap(radius, s, gradient * s - height, raised)
+        near[c] = 1.0 if c > 0 and min(gap, gap_before) <= _GAP else 0.0
+        if near[c] > 0.0:
+            for k in range(_STRIDE * (c - 1) + 1, _STRIDE * c):
+                places[count] = -_REACH * radius + k * step
+                count += 1
+    ground_heights(terrain, x0, y0, ex, ey, places, coarse, count, heights)
+
+    # Differences to the tangent plane.
+    between = coarse
+    for c in range(coarse):
+        for k in range(_STRIDE if near[c] > 0.0 else 1):
+            one = c
+            if k > 0:
+                one, between = between, between + 1
+            s = places[one]
+            raised = (heights[one] - z0 - s * incline) / below
+            change, level_w, spring = _strip(radius, s, gradient * s - height, raised)
+            energy += change * step * spring
+            moment_x += change * step * s
+            moment_w += change * step * level_w
+    return energy, moment_x, moment_w
+
+
+def _gap(radius: float, s: float, tangent: float, raised: float) -> float:
+    """Return the distance of the disc from the ground or the tangent plane, whichever is higher [m]; see _strip."""
+    return -sqrt(radius * radius - s * s) - tangent - max(raised, 0.0)
+
+
+def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[float, float, float]:
     """Return the difference of a strip of the disc to that on the tangent plane.
 
     Args:
@@ -345,15 +401,14 @@ def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[floa
 
     Returns:
         Length of the strip below the ground, beyond that below the plane [m], the height of its middle over the wheel
-        centre [m], the mean of (R² - r²) / 2 along it [m²], and the distance of the disc from the ground or the plane,
-        whichever is higher [m].
+        centre [m], and the mean of (R² - r²) / 2 along it [m²].
     """
     # The strip runs from the lower edge of the disc to the ground, at most over the whole chord.
     edge = -sqrt(radius * radius - s * s)
     top = edge + min(max(tangent + raised - edge, 0.0), -2.0 * edge)
     bottom = edge + min(max(tangent - edge, 0.0), -2.0 * edge)
     spring = 0.5 * edge * edge - (top * top + top * bottom + bottom * bottom) / 6.0
-    return top - bottom, 0.5 * (top + bottom), spring, edge - tangent - max(raised, 0.0)
+    return top - bottom, 0.5 * (top + bottom), spring
 
 
 def _plane_moment(radius: float, depth: float) -> float:
@@ -440,6 +495,8 @@ CONTACT_PARTS = (
     pack_contact,
     unpack_contact,
     effective_plane,
+    _with_samples,
+    _gap,
     _strip,
     _plane_moment,
     _plane_energy,
