@@ -62,6 +62,11 @@ def call_command(
     ("words", "usage", "message"),
     [
         (["run", "drive.yaml", "--duratoin", "3"], "usage: mirdrake run ", "did you mean '--duration'?"),
+        (
+            ["run", "drive.yaml", "--trust"],
+            "usage: mirdrake run ",
+            "--trust; it is an option of mirdrake check, mirdrake draw, mirdrake ports only",
+        ),
         (["world", "test", "parking_lot", "--workers", "2"], "usage: mirdrake world test ", "arguments: --workers 2"),
         (["tune", "bolt_speed", "--foo"], "usage: mirdrake tune run ", "arguments: --foo"),
     ],
@@ -246,7 +251,7 @@ def test_user_modules_are_executed_only_with_trust(
         "control.ego (harmful:Harmful)",
         "systems.half (an input is from own)",
     ):
-        assert f"  not {word}: {part}: user modules are executed only with --trust" in out
+        assert f"  not {word}: {part}: mirdrake {verb} executes user modules only with --trust" in out
     assert call_command(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
     assert (tmp_path / "executed").exists()
 

@@ -69,7 +69,7 @@ def _check_name(
         if kind in {"studies", "files"}:
             with nullcontext(skipped) if trust else without_user_code() as skipped:
                 check_file(find("studies", name) if kind == "studies" else Path(name), overrides=overrides)
-            return (), (), skipped_lines(skipped)
+            return (), (), skipped_lines(skipped, "check", "checked")
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
             spec, skipped = without_user_systems(spec)
@@ -82,7 +82,7 @@ def _check_name(
             f"camera '{name}' takes no pictures: they are neither recorded (record.cameras: true) nor connected"
             for name in ([] if skipped else assembly.idle_cameras)
         ]
-        return (), (), [*unread, *idle, *skipped_lines(skipped)]
+        return (), (), [*unread, *idle, *skipped_lines(skipped, "check", "checked")]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
 

@@ -255,9 +255,9 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def skipped_lines(names: Iterable[str], done: str = "checked") -> list[str]:
+def skipped_lines(names: Iterable[str], verb: str, done: str) -> list[str]:
     """Return a line for each part of a file that was left out because its code was not executed."""
-    return [f"not {done}: {name}: user modules are executed only with --trust" for name in names]
+    return [f"not {done}: {name}: mirdrake {verb} executes user modules only with --trust" for name in names]
 
 
 def print_changes(scene: "Scene") -> None:

@@ -38,6 +38,6 @@ def run(options: argparse.Namespace) -> int:
     draw = draw_svg if out.suffix == ".svg" else write_dot
     write_file(out, draw(assembly, expand=options.expand))
     print(display_path(out))
-    for line in skipped_lines(skipped, "drawn"):
+    for line in skipped_lines(skipped, "draw", "drawn"):
         print(f"  {line}")
     return 0

@@ -53,6 +53,6 @@ def run(options: argparse.Namespace) -> int:
         width = max(map(len, ports), default=0)
         for name, contents in ports.items():
             print(f"  {name:{width}}  {_listed(contents or ())}".rstrip())
-    for line in skipped_lines(skipped, "listed"):
+    for line in skipped_lines(skipped, "ports", "listed"):
         print(f"  {line}")
     return 0

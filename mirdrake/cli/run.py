@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 MORE = """\
 The folder holds spec.yaml, signals.parquet, events.jsonl, summary.json, recording.html, report.html.
-Ctrl-C stops early and keeps the results so far. In a terminal a Meshcat page shows the run live.
+Ctrl-C stops early and keeps the results so far. In a terminal a Meshcat page shows the run live. User modules
+(kind: "module:Class") are executed.
 
 examples:
   mirdrake run bolt_test_track --set control.ego.speed=8 --set duration=60 --out runs/faster

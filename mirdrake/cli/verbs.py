@@ -1,12 +1,12 @@
 """Verbs of the command line and their parser; the module of a verb is imported only when the verb is used."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
-from mirdrake.core.errors import did_you_mean
+from mirdrake.core.errors import closest
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,12 @@ class Verb:
 class VerbParser(argparse.ArgumentParser):
     """Parser of a verb that learns its arguments when it is used for the first time."""
 
-    def __init__(self, *args: Any, verb: Verb | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, verb: Verb | None = None, verbs: Mapping[str, Verb] | None = None, **kwargs: Any
+    ) -> None:
         kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(*args, **kwargs)
-        self._verb = verb
+        self._verb, self._verbs = verb, verbs or {}
         self._is_complete = verb is None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -52,15 +54,24 @@ class VerbParser(argparse.ArgumentParser):
         namespace, unknown = super().parse_known_args(args, namespace)
         # Here, so that the usage of this verb is printed and not that of the whole program.
         if unknown and verb is not None and not verb.verbs:
-            options = [option for option in self._option_string_actions if option.startswith("--")]
-            near = did_you_mean(unknown[0], options).partition(" (allowed")[0] if unknown[0].startswith("-") else ""
-            self.error(f"unrecognized arguments: {' '.join(unknown)}" + (f"; {near}" if near.endswith("?") else ""))
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0].partition('=')[0])}")
         return namespace, unknown
+
+    def _hint(self, option: str) -> str:
+        """Return what an unknown option may be: a misspelt one of this verb, or one of other verbs."""
+        if not option.startswith("--"):
+            return ""
+        if others := [name for name, module in modules(self._verbs) if option in _options(module)]:
+            program = self.prog.partition(" ")[0]
+            return f"; it is an option of {', '.join(f'{program} {name}' for name in others)} only"
+        # Compared without the dashes, which all options have.
+        near = closest(option[2:], [name[2:] for name in self._option_string_actions if name.startswith("--")])
+        return f"; did you mean '--{near}'?" if near else ""
 
     def _add_arguments(self, verb: Verb) -> None:
         if verb.verbs:
             self.description = f"{verb.help}\n\n{verb.more}".strip()
-            add_verbs(self, verb.verbs)
+            add_verbs(self, verb.verbs, self._verbs)
             return
         module = import_module(f"mirdrake.cli.{verb.module}")
         self.description = f"{verb.help}\n\n{module.MORE}".strip()
@@ -68,13 +79,32 @@ class VerbParser(argparse.ArgumentParser):
         self.set_defaults(execute=module.run)
 
 
-def add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> None:
-    """Add verbs to a parser; none of their modules is imported."""
+def add_verbs(
+    parser: argparse.ArgumentParser, verbs: Mapping[str, Verb], all_verbs: Mapping[str, Verb] | None = None
+) -> None:
+    """Add verbs to a parser; none of their modules is imported.
+
+    Args:
+        parser: parser of the program, or of a verb that has others below it.
+        verbs: the verbs.
+        all_verbs: verbs of the program, for hints to their options; `verbs` if None.
+    """
     group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=VerbParser)
     for name, verb in verbs.items():
-        group.add_parser(name, help=verb.help, verb=verb)
+        group.add_parser(name, help=verb.help, verb=verb, verbs=all_verbs or verbs)
 
 
-def modules(verbs: Mapping[str, Verb]) -> Sequence[str]:
-    """Return the names of the modules of all verbs, those below others included."""
-    return [name for verb in verbs.values() for name in ([verb.module] if verb.module else modules(verb.verbs))]
+def modules(verbs: Mapping[str, Verb], above: str = "") -> Sequence[tuple[str, str]]:
+    """Return name and module of all verbs, those below others included, such as ``world test``."""
+    found: list[tuple[str, str]] = []
+    for key, verb in verbs.items():
+        name = f"{above} {key}".strip()
+        found += [(name, verb.module)] if verb.module else modules(verb.verbs, name)
+    return found
+
+
+def _options(module: str) -> Collection[str]:
+    """Return the options of the verb of a module."""
+    parser = argparse.ArgumentParser()
+    import_module(f"mirdrake.cli.{module}").add_arguments(parser)
+    return parser._option_string_actions

@@ -14,7 +14,7 @@
 Every message is one line that states what was given, where, what is allowed, and what to do.
 """
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
 from traceback import extract_tb
@@ -122,6 +122,11 @@ def dotted(path: Iterable[Hashable]) -> str:
     return ".".join(text if (text := str(step)).isprintable() else repr(text) for step in path)
 
 
+def closest(given: str, names: Collection[str]) -> str | None:
+    """Return the name that is most similar to a given one; None if none is similar."""
+    return next(iter(get_close_matches(given, names, n=1, cutoff=0.6)), None)
+
+
 def did_you_mean(given: object, allowed: Iterable[str]) -> str:
     """Return the tail of an error message: the most similar allowed name, and all allowed names.
 
@@ -136,7 +141,7 @@ def did_you_mean(given: object, allowed: Iterable[str]) -> str:
     names = sorted({str(name).replace("\n", "\\n") for name in allowed})
     if not names:
         return "nothing is available here"
-    near = get_close_matches(str(given), names, n=1, cutoff=0.6)
+    near = closest(str(given), names)
     few = min(12, max(1, sum(length <= 180 for length in accumulate(len(name) + 2 for name in names))))
     shown = ", ".join(names[:few]) + (", …" if len(names) > few else "")
-    return f"did you mean '{near[0]}'? (allowed: {shown})" if near else f"allowed: {shown}"
+    return f"did you mean '{near}'? (allowed: {shown})" if near else f"allowed: {shown}"

@@ -45,7 +45,7 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
     skipped = _SKIPPED.get()
     if skipped is not None:
         skipped.append(name)
-        raise ConfigError(f"module '{name}' is not executed; add --trust to execute it")
+        raise ConfigError(f"module '{name}' is executed only with --trust")
     # Before the import path: a user's module beside its file has priority over an installed one of that name.
     folders = [Path(path) for path in (folder, Path.cwd()) if path is not None]
     extra = [str(path) for path in folders if str(path) not in sys.path]
@@ -93,7 +93,7 @@ def load_user_function(name: str, *, folder: str | Path | None = None) -> Callab
 
 def _not_executed(*_: Any, **__: Any) -> Any:
     """Replace a user function that was not loaded."""
-    raise ConfigError("user functions are not executed; add --trust to execute them")
+    raise ConfigError("user functions are executed only with --trust")
 
 
 def _forget_namesake(name: str, folders: list[Path]) -> None:

@@ -14,11 +14,17 @@ from mirdrake.identification.timing import changed_rows, resolution
 WINDOW = 9
 """Samples of the median filter that glitches are compared with: up to four in a row are found."""
 
-FLANK = 0.3
-"""Least share of a peak that the samples beside its top have if the peak is a motion [1]."""
+ORDER = 6
+"""Order of the autoregressive model of the neighbourhood: three modes."""
 
-NEAR = 2
-"""Rows within which a motion shows in other channels as well."""
+NEIGHBOURHOOD = 30
+"""Samples on each side of odd ones that the model is fitted to."""
+
+ROUNDING = 1e-9
+"""Relative size of residuals that are only rounding errors [1]."""
+
+UNEXPLAINED = 0.5
+"""Largest ratio of the sums of squares, as kicks over as glitches, if odd samples begin a motion [1]."""
 
 MAX_HELD = 2 * WINDOW
 """Largest number of rows that count as samples of a channel at rest."""
@@ -51,7 +57,6 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if not channel(name).moves:
             continue
         bad = find_glitches(values, channel(name).limit)
-        bad &= ~_is_motion(log, name, bad)
         if not bad.any():
             continue
         count = int(bad.sum())
@@ -67,31 +72,12 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return replace(log, channels={**log.channels, **repaired}), findings
 
 
-def _is_motion(log: Log, name: str, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which samples may be those of a fast motion (n): other channels change faster there than nearly anywhere.
-
-    A glitch disturbs one channel. A value outside of the range of its channel is a glitch in any case.
-    """
-    values, motion = log.channels[name], np.zeros(len(bad), dtype=bool)
-    rest = values[~bad & np.isfinite(values)]
-    if not bad.any() or not len(rest):
-        return motion
-    low, high = np.percentile(rest, (1.0, 99.0))
-    inside = (values > low - 0.5 * (high - low)) & (values < high + 0.5 * (high - low))
-    for other, series in log.channels.items():
-        if quantity(other) != quantity(name) and channel(other).moves:
-            steps = np.abs(np.diff(np.nan_to_num(series), prepend=series[:1]))
-            fast = steps > float(np.nanpercentile(steps, 98.0))
-            motion |= maximum_filter1d(fast, 2 * NEAR + 1, mode="constant")
-    return np.asarray(bad & inside & motion)
-
-
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     """Return which samples are glitches (n).
 
     A glitch is far from the median of its neighbourhood, relative to the usual distance in the channel (noise), the
-    steps of the neighbourhood (motion) and the resolution. A step, a ramp and a peak of a smooth motion are not
-    glitches.
+    steps of the neighbourhood (motion) and the resolution, and the samples behind it do not respond to it. A step, a
+    ramp, a peak of a smooth motion and the vibration after a kick are not glitches.
 
     Args:
         values: samples (n), NaN for missing ones.
@@ -119,31 +105,15 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     floor = np.maximum(floor, 12.0 * rough)
     # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
     ends = np.append(rows[1:], len(values))
-    # At the ends the neighbours are on one side: a motion that begins is away from their median, but on their line.
-    # Behind the last sample none shows whether the value returns: it must exceed the fastest motion of the log.
-    half = WINDOW // 2
-    fastest = 3.0 * float(np.percentile(steps, 95.0))
-    for side, distance in ((series, away), (series[::-1], away[::-1])):
-        for row in range(half):
-            distance[row] = min(distance[row], abs(side[row] - _extended(side[row + 1 : row + 1 + half])))
-            # A sample between its neighbours is on the way from one to the other.
-            if row and min(side[row - 1], side[row + 1]) < side[row] < max(side[row - 1], side[row + 1]):
-                distance[row] = 0.0
-        distance[0] *= distance[0] > fastest
-    odd = (away > floor) & ~_have_flanks(series, away > floor)
-    odd |= (np.abs(series) > limit) | _far_out(series, steps)
+    odd = (away > floor) | _far_out(series, steps)
+    odd &= ~_begin_motion(series, odd)
+    odd |= np.abs(series) > limit
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
     # Rows that hold the value of a glitch belong to it.
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
-
-
-def _extended(samples: Array) -> float:
-    """Return the line through samples, one row before the first of them."""
-    slope, begin = np.polyfit(np.arange(len(samples)), samples, 1)
-    return float(begin - slope)
 
 
 def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -163,15 +133,64 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     return rows, np.isin(rows, first)
 
 
-def _have_flanks(series: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which samples are the top of a peak of a motion: the ones beside the top are away to the same side (n)."""
-    tops, rows = np.zeros(len(series), dtype=bool), np.flatnonzero(odd)
-    away = series - median_filter(series, WINDOW, mode="mirror")
-    for group in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-        if len(group) and group[0] > 0 and group[-1] + 1 < len(series):
-            top = away[group][np.abs(away[group]).argmax()]
-            tops[group] = min(away[group[0] - 1] / top, away[group[-1] + 1] / top) > FLANK
-    return tops
+def _begin_motion(values: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which odd samples begin a motion (n): the samples behind them continue it.
+
+    A glitch is an additive outlier of an autoregressive process, which changes single samples. A kick of the vehicle is
+    an innovation outlier, to which all later samples respond (A. J. Fox, Journal of the Royal Statistical Society B 34,
+    1972; I. Chang, G. C. Tiao and C. Chen, Technometrics 30, 1988). Both have a free number for each odd sample, so
+    their sums of squares are compared directly. If neither explains more, as in white noise, they are glitches. A
+    glitch within a few samples of a kick is taken for a part of it.
+    """
+    begin, rows = np.zeros(len(values), dtype=bool), np.flatnonzero(odd)
+    groups = np.split(rows, np.flatnonzero(np.diff(rows) > ORDER) + 1) if len(rows) else []
+    for group in groups:
+        start, end = max(group[0] - NEIGHBOURHOOD, 0), group[-1] + 1 + NEIGHBOURHOOD
+        # Before the log the channel is taken to be constant.
+        padded = ORDER if start == 0 else 0
+        part = np.pad(values[start:end], (padded, 0), mode="edge")
+        others = np.setdiff1d(rows[(rows >= start) & (rows < end)], group)
+        first, none = start - padded, group[:0]
+        as_glitches = _sum_of_squares(part, group - first, none, others - first)
+        as_kicks = _sum_of_squares(part, none, group - first, others - first)
+        begin[group] = group[0] > 0 and as_kicks < UNEXPLAINED * as_glitches
+    # At an end little shows how a value came, or whether it returns: less than a range away from the others it may be
+    # a motion, such as a start from rest.
+    for group in groups:
+        if group[0] < ORDER or group[-1] + ORDER >= len(values):
+            others = values[~odd | begin]
+            low, high = float(np.min(others)), float(np.max(others))
+            begin[group] |= np.all(np.abs(values[group] - 0.5 * (low + high)) < 1.5 * (high - low))
+    return begin
+
+
+def _sum_of_squares(
+    series: Array, glitches: NDArray[np.intp], kicks: NDArray[np.intp], others: NDArray[np.intp]
+) -> float:
+    """Return the sum of squared residuals of an autoregressive model, relative to the largest value.
+
+    Args:
+        series: odd samples and their neighbourhood (n).
+        glitches: rows of glitches: their values are replaced by those that fit the model of the others best.
+        kicks: rows of kicks: they have any innovation, and the model has to predict all others.
+        others: rows of other odd samples, which are left out.
+    """
+    odd = np.concatenate((glitches, kicks))
+    values = series - np.median(np.delete(series, odd))
+    values = values / max(float(np.abs(np.delete(values, others)).max()), 1e-300)
+    rows = np.arange(ORDER, len(values))
+    rows = rows[~np.isin(rows, kicks) & ~np.isin(rows[:, None] - np.arange(ORDER + 1), others).any(axis=1)]
+    lags = rows[:, None] - np.arange(1, ORDER + 1)
+    values[glitches] = 0.0
+    past, present = np.column_stack((values[lags], np.ones(len(rows)))), values[rows]
+    clean = ~np.isin(np.column_stack((rows, lags)), glitches).any(axis=1)
+    model = np.linalg.lstsq(past[clean], present[clean], rcond=ROUNDING)[0]
+    residual = present - past @ model
+    if len(glitches):
+        effect = (rows[:, None] == glitches) - np.einsum("k,rko->ro", model[:ORDER], lags[:, :, None] == glitches)
+        residual -= effect @ np.linalg.lstsq(effect, residual, rcond=None)[0]
+    # Below the rounding errors of the values, the residuals mean nothing.
+    return float(residual @ residual) + len(rows) * ROUNDING**2
 
 
 def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:

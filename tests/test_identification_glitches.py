@@ -1,0 +1,100 @@
+"""Glitches of a channel and motions that resemble them: kicks of simulated vehicles, and injected outliers."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import maximum_filter1d
+from scipy.signal import lfilter
+
+import mirdrake as mir
+from mirdrake.identification import Log
+from mirdrake.identification.channels import channel
+from mirdrake.identification.column_names import channels_of_run
+from mirdrake.identification.samples import check_glitches, find_glitches
+from mirdrake.vehicles.scaffold import new_vehicle
+from tests.marks import mostly_slow
+
+START = [
+    -0.000090, -0.000084, -0.000076, 0.018767, 0.060073, 0.049380, 0.009420, -0.012769, -0.012157, -0.003624, 0.001619,
+    0.001912, 0.000683, -0.000184, -0.000363, -0.000205, -0.000032, 0.000031, 0.000020, -0.000008, -0.000021, -0.000020,
+]  # fmt: skip
+"""Pitch rate of a robot that stops accelerating [rad/s], 20 ms from sample to sample: it vibrates on its tyres."""
+
+
+@cache
+def drive(name, folder=None):
+    """Return a log of ten seconds: a vehicle accelerates from rest and turns."""
+    is_car = name in {"bolt", "catvehicle", "mkz"}
+    world, start, track = ("test_track", "line", "main") if is_car else ("skidpad", "eight", "eight")
+    diagram = mir.Diagram(world=world, time_step=0.005)
+    ego = diagram.add_vehicle(name if folder is None else str(folder), start=start)
+    diagram.drive(ego, mir.PathTracking(track=track, speed=5.0 if is_car else 1.5))
+    diagram.sensors(ego, "imu")
+    signals = diagram.simulate(10.0, inner=False).signals.iloc[1:]
+    columns = channels_of_run(signals.columns)
+    return Log(name, "train", signals.index.to_numpy(), {columns[key]: signals[key].to_numpy() for key in columns})
+
+
+@pytest.fixture
+def log(request, tmp_path_factory):
+    if request.param != "robot":
+        return drive(request.param)
+    folder = tmp_path_factory.getbasetemp() / "models" / "robot"
+    if not folder.exists():
+        new_vehicle(
+            "robot", folder=folder.parent, wheelbase=0.6, track=0.5, mass=60.0, wheel_radius=0.12, sensors="imu"
+        )
+    return drive("robot", folder)
+
+
+VEHICLES = mostly_slow(["robot", "bolt", "catvehicle", "mkz", "unior"], fast=0)
+
+
+@pytest.mark.parametrize("log", VEHICLES, indirect=True)
+def test_a_simulated_drive_has_no_glitch(log):
+    _, findings = check_glitches(log, repair=False)
+    assert [(finding.channel, finding.text) for finding in findings] == []
+
+
+@pytest.mark.parametrize("log", VEHICLES, indirect=True)
+def test_injected_glitches_of_a_simulated_drive_are_found(log):
+    random = np.random.default_rng(5)
+    # A kick at the same time cannot be separated from a glitch: torque or braking begins where the acceleration jumps.
+    jumps = np.abs(np.diff(log.channels["vx"], n=2))
+    near_jump = maximum_filter1d(jumps, 40)[10:-10] > 0.1 * jumps.max()
+    calm = np.flatnonzero(~near_jump) + 10
+    assert len(calm) > 200
+    for name, values in log.channels.items():
+        # Signals that are zero but for rounding and friction have no scale.
+        if not channel(name).moves or np.ptp(values) < 1e-4:
+            continue
+        for _ in range(6):
+            count = int(random.integers(1, 4))
+            rows = int(random.choice(calm)) + np.arange(count)
+            changed = values.copy()
+            changed[rows] += random.choice([-1.0, 1.0]) * random.uniform(3.0, 30.0) * np.ptp(values)
+            assert np.flatnonzero(find_glitches(changed, np.inf)).tolist() == rows.tolist(), name
+
+
+def test_a_vibration_after_a_kick_is_a_motion_and_a_glitch_beside_it_is_found():
+    values = np.concatenate([1e-6 * np.sin(np.arange(80.0)), START, -2e-5 + 1e-6 * np.sin(np.arange(400.0))])
+    assert not find_glitches(values, np.inf).any()
+    values[[60, 130, 131]] += 0.05
+    assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == [60, 130, 131]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("frequency", "damping"), [(2.0, 0.3), (6.0, 0.1), (10.0, 0.3)])
+def test_only_what_is_added_to_a_process_is_a_glitch_and_no_kick_of_it(frequency, damping, seed):
+    """A vibration by closed form, driven by noise and by kicks of 60 standard deviations, sampled at 50 Hz."""
+    random = np.random.default_rng(seed)
+    pole = np.exp(0.02 * 2.0 * np.pi * frequency * (-damping + 1j * np.sqrt(1.0 - damping**2)))
+    force = random.normal(0.0, 1.0, 1500)
+    kicks = np.arange(100, 1400, 200)
+    force[kicks] += 60.0 * random.choice([-1.0, 1.0], len(kicks))
+    values = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], force)
+    assert not find_glitches(values, np.inf).any()
+    glitches = kicks[:-1] + 100
+    values[glitches] += 60.0 * np.std(values[190:])
+    assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == glitches.tolist()
