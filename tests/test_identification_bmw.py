@@ -130,7 +130,7 @@ def test_the_check_finds_what_is_odd_and_leaves_no_fault(tmp_path, capsys):
     assert "no fault is left" in text
     assert page.stat().st_size > 10_000
     assert main(["identify", "check", str(BRAKING)]) == 0
-    assert "rows have the time of the row before" in capsys.readouterr().out
+    assert "the time of the row before is repeated in" in capsys.readouterr().out
 
 
 def test_a_whole_log_is_checked_with_a_mapping_and_nothing_else(capsys):

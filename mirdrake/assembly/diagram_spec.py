@@ -17,6 +17,7 @@ from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import (
     Angle,
     Duration,
@@ -273,7 +274,7 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     lost = len(spec.connect) - len(rest.connect)
     left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
     left_out += [f"control.{name} ({kind})" for name, kind in drivers.items()]
-    return rest, left_out + ([f"{lost} connections of these"] if lost else [])
+    return rest, left_out + ([f"{plural(lost, 'connection')} of these"] if lost else [])
 
 
 def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:

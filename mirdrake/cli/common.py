@@ -250,11 +250,6 @@ def table_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[
         yield "  ".join([*cells, row[-1]]).rstrip()
 
 
-def plural(count: int, noun: str) -> str:
-    """Return a count with its noun, such as "1 run" or "2 runs"."""
-    return f"{count} {noun}{'s' * (count != 1)}"
-
-
 def skipped_lines(names: Iterable[str], verb: str, done: str) -> list[str]:
     """Return a line for each part of a file that was left out because its code was not executed."""
     return [f"not {done}: {name}: mirdrake {verb} executes user modules only with --trust" for name in names]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mirdrake.cli.common import print_changes
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 
 MORE = """\
@@ -54,12 +55,12 @@ def run(options: argparse.Namespace) -> int:
         from mirdrake.export.tables import write_csv
 
         for table, rows in write_csv(done, path).items():
-            print(f"{display_path(table)}  {rows} rows")
+            print(f"{display_path(table)}  {plural(rows, 'row')}")
         return 0
     from mirdrake.export.mcap import write_mcap
 
     counts = write_mcap(done, path)
     print(display_path(path))
     for topic, count in sorted(counts.items()):
-        print(f"  {topic:32} {count} messages")
+        print(f"  {topic:32} {plural(count, 'message')}")
     return 0

@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
-from mirdrake.cli.common import add_quiet, parse_names, plural
+from mirdrake.cli.common import add_quiet, parse_names
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path, load_yaml, read_tree
 
 MORE = """\

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import parse_pairs
 from mirdrake.core.json_io import Json
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path, shortest_name
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def _print_plan(plan: "ImportPlan") -> None:
     print(f"{display_path(plan.folder)}/ would be written")
     print(
         f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "
-        f"{_radii(layout.radii)}, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"
+        f"{_radii(layout.radii)}, {plan.car.drive} drive, {plural(len(plan.car.mounts), 'sensor')}"
     )
     print(f"  {count_changes(plan.changes)}; meshes are only converted and checked by the import itself")
     for change in plan.changes:

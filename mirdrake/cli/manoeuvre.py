@@ -6,9 +6,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.cli.common import add_quiet, add_set, new_folder, plural, print_files
+from mirdrake.cli.common import add_quiet, add_set, new_folder, print_files
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.progress import Progress
+from mirdrake.core.wording import plural
 
 if TYPE_CHECKING:
     from mirdrake.vehicles import Vehicle

@@ -5,8 +5,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mirdrake.cli.common import add_param, add_set, parse_pairs, plural
+from mirdrake.cli.common import add_param, add_set, parse_pairs
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 
 MORE = """\

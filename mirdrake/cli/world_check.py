@@ -3,7 +3,8 @@
 import argparse
 import sys
 
-from mirdrake.cli.common import add_param, add_set, plural, world_overrides
+from mirdrake.cli.common import add_param, add_set, world_overrides
+from mirdrake.core.wording import plural
 
 MORE = """\
 Faults are: props that overlap (with depth and place), that are buried or float; starts and goals inside a prop; goals

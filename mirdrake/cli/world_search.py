@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mirdrake.cli.common import table_lines, terminated_like_interrupted, whole_number
 from mirdrake.cli.world_test import RESULT_HEAD, add_test_options, print_world_faults, result_cells
 from mirdrake.core.progress import Progress
+from mirdrake.core.wording import plural
 
 if TYPE_CHECKING:
     from mirdrake.suites import SearchResult, Trial
@@ -80,7 +81,7 @@ def _result_lines(result: "SearchResult", over: dict[str, tuple[float, float]]) 
     verdicts = [trial.result.verdict for trial in result.tried]
     counts = [f"{verdicts.count(key)} {key}" for key in ("fail", "error", "invalid", "pass") if key in verdicts]
     ranges = ", ".join(f"{name} {low:g} .. {high:g}" for name, (low, high) in over.items())
-    yield f"{result.case.test} over {ranges}: {len(result.tried)} runs ({', '.join(counts) or 'none done'})"
+    yield f"{result.case.test} over {ranges}: {plural(len(result.tried), 'run')} ({', '.join(counts) or 'none done'})"
     ranked = result.ranked()
     rows = [result_cells(trial.values, trial.result) for trial in ranked[:_MOST_ROWS]]
     yield from (f"  {line}" for line in table_lines(RESULT_HEAD, rows))

@@ -13,7 +13,6 @@ from mirdrake.cli.common import (
     add_param,
     add_quiet,
     core_count,
-    plural,
     positive_time,
     table_lines,
     terminated_like_interrupted,
@@ -21,6 +20,7 @@ from mirdrake.cli.common import (
 )
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.progress import Progress
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 
 if TYPE_CHECKING:

@@ -1,17 +1,29 @@
 """Sentences of the data check: a template, or a function of the figures, for each code."""
 
 from collections.abc import Callable, Mapping
+from string import Formatter
+from typing import Any
 
+from mirdrake.core.wording import plural
 from mirdrake.readers.units import format_unit
 
 Figures = Mapping[str, float | str]
 Text = str | Callable[[Figures], str]
 
 
+class _Formatter(Formatter):
+    """Formatter with counts of a noun: ``{rows:|row}`` is "1 row" or "2 rows"."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return a value as text, by the noun behind a bar if there is one."""
+        bar, _, noun = format_spec.partition("|")
+        return plural(value, noun) if noun and not bar else str(super().format_field(value, format_spec))
+
+
 def render(texts: Mapping[str, Text], code: str, figures: Figures) -> str:
     """Return the sentence of a code."""
     text = texts[code]
-    return format_unit(text(figures) if callable(text) else text.format(**figures))
+    return format_unit(text(figures) if callable(text) else _Formatter().format(text, **figures))
 
 
 def _sense(delay: float | str) -> str:
@@ -127,20 +139,20 @@ FINDINGS: dict[str, Text] = {
     "note": "{text}",
     "coarse_clock": "the time stamps have steps of {tick:.4g} s, shared by {rows:g} rows each: the true step is "
     "{step:.5g} s",
-    "reversed_time": "time goes back in {rows} rows, first after {time:.6g} s",
-    "repeated_time": "{rows} rows have the time of the row before (to 5 % of a step), first at {time:.6g} s",
+    "reversed_time": "time goes back in {rows:|row}, first after {time:.6g} s",
+    "repeated_time": "the time of the row before is repeated in {rows:|row} (to 5 % of a step), first at {time:.6g} s",
     "step": "median step {step:.6g} s ({rate:.5g} Hz); 90 % of the steps are within {jitter:.2g} % of it",
-    "gaps": "{gaps} gaps, about {lost} samples are missing; the longest is {longest:.4g} s after {time:.6g} s",
-    "long_gaps": "{gaps} gaps are longer than {limit:.3g} s: the log has {stretches} stretches",
+    "gaps": "{gaps:|gap}, with about {lost:|sample} missing; the longest is {longest:.4g} s after {time:.6g} s",
+    "long_gaps": "{gaps:|gap} longer than {limit:.3g} s: the log has {stretches:|stretch}",
     "sparse": _sparse,
-    "missing": "{missing} of {rows} values are missing ({percent:.3g} %)",
-    "first_rows": "the first {rows} rows are not measurements: {channel} is {first:.4g} there, then {then:.4g} {unit}",
+    "missing": "{missing:|value} of {rows} missing ({percent:.3g} %)",
+    "first_rows": "{rows:|row} without measurements at the beginning: {channel} is {first:.4g} there, then {then:.4g} {unit}",
     "copied": _copied,
     "repeated_by_chance": "{percent:.2g} % of the rows repeat the one before while it moves, as often as values of "
     "this resolution do by chance: not taken for held",
     "held": _held,
-    "wrapped": "jumps by a whole turn {count} times, as headings do: unwrapped",
-    "glitches": "{count} samples differ from their neighbours, at {times} s; the largest is {worst:.4g} {unit}",
+    "wrapped": "{count:|jump} by a whole turn, as headings have: unwrapped",
+    "glitches": "{count:|sample} far from the neighbours, at {times} s; the largest is {worst:.4g} {unit}",
     "all_constant": "every channel is constant: there is nothing to identify",
     "constant": _constant,
     "out_of_range": "reaches {value:.4g} {unit}; no vehicle exceeds {limit:g}: another unit?",
@@ -198,10 +210,10 @@ FINDINGS: dict[str, Text] = {
 
 REPAIRS: dict[str, Text] = {
     "rows_spread": "rows spread evenly between the time stamps",
-    "rows_removed": "{rows} rows removed",
+    "rows_removed": "{rows:|row} removed",
     "cut": lambda f: (
         (f"cut into {f['parts']} parts" if float(f["parts"]) > 1 else "one stretch kept")
-        + (f", {f['lost']} rows of short stretches removed" if f["lost"] else "")
+        + (f", {plural(int(f['lost']), 'row')} of short stretches removed" if f["lost"] else "")
     ),
     "rows_kept": "{kept} of {rows} rows kept, those with new values",
     "interpolated_holds": "interpolated linearly between new values",

@@ -6,6 +6,7 @@ from typing import Literal
 
 import pandas as pd
 
+from mirdrake.core.wording import plural
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.finding_texts import EXCITATION, FINDINGS, REPAIRS, Figures, render
 
@@ -140,7 +141,7 @@ class DataReport:
     def headline(self) -> str:
         """Whether the data can be used, and for which parameters no log has enough excitation."""
         if left := len(self.unrepaired_faults):
-            return f"{left} fault{'s' * (left != 1)} without repair"
+            return f"{plural(left, 'fault')} without repair"
         # Parameters are fitted to the training logs.
         train = {log.name for log in self.data.train}
         groups = dict.fromkeys(rating.parameters for rating in self.excitation)

@@ -34,6 +34,7 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
 from mirdrake.core.vectors import COMMAND, STATE
+from mirdrake.core.wording import plural
 from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.courses import line_at, make_line, project_line
 from mirdrake.manoeuvres.profiles import make_profile
@@ -111,7 +112,7 @@ def make_rows(rows: Sequence[Sequence[float]], count: int, owner: str) -> Rows:
     """
     checked = [tuple(float(value) for value in row) for row in rows]
     if not checked or any(len(row) != count + 1 for row in checked):
-        raise ConfigError(f"{owner}: each row must have a time and {count} number{'s' * (count > 1)}")
+        raise ConfigError(f"{owner}: each row must have a time and {plural(count, 'number')}")
     if any(later[0] < earlier[0] for earlier, later in pairwise(checked)):
         raise ConfigError(f"{owner}: the times must not decrease")
     return Rows(tuple(checked))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.files import write_file
+from mirdrake.core.wording import plural
 from mirdrake.manoeuvres.base import STATUS, Outcome, SettingRecord
 from mirdrake.manoeuvres.facts import Facts
 
@@ -137,7 +138,7 @@ def recalled(outcome: Outcome) -> list[str]:
 
 def describe(outcome: Outcome) -> Iterator[str]:
     """Yield the lines of text that describe an outcome."""
-    runs = f"{len(outcome.runs)} run{'s' * (len(outcome.runs) != 1)}, {outcome.wall:.1f} s"
+    runs = f"{plural(len(outcome.runs), 'run')}, {outcome.wall:.1f} s"
     reason = f": {outcome.reason}" if outcome.reason else ""
     yield f"{outcome.title} ({outcome.standard}) - {outcome.verdict}{reason} [{runs}]"
     width = max((len(m.text) for m in outcome.metrics), default=0)

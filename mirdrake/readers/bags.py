@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.tables import Request, Table
 
@@ -233,7 +234,9 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
         raise ConfigError(f"{display_path(path)}: cannot be read: {_one_line(error)}") from None
     for topic in topics:
         if len(times[topic]) < 2:
-            raise ConfigError(f"{display_path(path)}: {topic} has {len(times[topic])} messages; at least 2 are needed")
+            raise ConfigError(
+                f"{display_path(path)}: {topic} has {plural(len(times[topic]), 'message')}; at least 2 are needed"
+            )
     # Messages without stamps among others would mix two clocks: stamps count only if all have one.
     return {
         topic: (

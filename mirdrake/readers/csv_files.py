@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.wording import plural
 from mirdrake.readers.tables import Request, Table, read_bytes
 from mirdrake.readers.units import is_unit
 
@@ -163,7 +164,7 @@ def _check_widths(text: _Text, header: _Header) -> None:
             if header.line is not None:
                 source = f"names in the header in line {header.line + 1}"
             raise ConfigError(
-                f"{text.request.name}:{index + 1}: has {len(cells)} cells, but there are {count} {source}"
+                f"{text.request.name}:{index + 1}: has {plural(len(cells), 'cell')}, but there are {count} {source}"
             )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.wording import plural
 from mirdrake.readers.csv_files import decode_text
 from mirdrake.readers.tables import Request, Table, as_numbers, read_bytes
 from mirdrake.readers.time_columns import seconds_of_day
@@ -49,7 +50,9 @@ def read_vbo(request: Request) -> Table:
     # pandas would fill short rows with NaN.
     for row in rows:
         if len(cells := lines[row].split()) != len(names):
-            raise ConfigError(f"{name}:{row + 1}: has {len(cells)} cells, but there are {len(names)} column names")
+            raise ConfigError(
+                f"{name}:{row + 1}: has {plural(len(cells), 'cell')}, but there are {len(names)} column names"
+            )
     units: dict[str, str] = {}
     # The header of some files has further lines, which are not titles.
     if len(titles) == len(names):

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mirdrake.core.files import write_file
+from mirdrake.core.wording import plural
 from mirdrake.identification.channels import channel as known_channel
 from mirdrake.identification.channels import quantity
 from mirdrake.identification.data import DataSet, Log
@@ -81,7 +82,7 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
         (
             "Findings",
             str(faults + warnings),
-            f"{faults} fault{'s' * (faults != 1)}, {warnings} warning{'s' * (warnings != 1)}",
+            f"{plural(faults, 'fault')}, {plural(warnings, 'warning')}",
         ),
         ("Repairs", str(len(report.repairs)), "each is listed below"),
     ]

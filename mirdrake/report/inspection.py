@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.wording import plural
 from mirdrake.report.inspection_text import axis_name, draw_links, figure_rows, limits_of
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.surfaces import collect_surfaces
@@ -68,7 +69,7 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool =
 def _headline(figures: Inspection) -> str:
     """Return the result: mass, wheelbase, and the number of findings."""
     count = len(figures.warnings)
-    findings = f"{count} finding{'s' * (count != 1)}" if count else "no findings"
+    findings = plural(count, "finding") if count else "no findings"
     return f"{figures.title}: {_figure(figures.mass)} kg, wheelbase {figures.wheelbase:.3f} m, {findings}"
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from markupsafe import escape
 
+from mirdrake.core.wording import plural
 from mirdrake.report.map_sheet import DOCUMENT, INK, fill_of, friction_label, text_length
 from mirdrake.report.world_map import Overlap
 from mirdrake.worlds import PlacedProp, World
@@ -75,7 +76,7 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     # Symbols as on the map: the key shows what a colour and a dashed line mean.
     places = [_Row([DOCUMENT.start], f"start {name}") for name in world.starts]
     for name, goal in world.goals.items():
-        laps = f": {goal.laps} lap{'s' if goal.laps > 1 else ''}" if goal.laps else ""
+        laps = f": {plural(goal.laps, 'lap')}" if goal.laps else ""
         places.append(_Row([DOCUMENT.goal], f"goal {name}{laps}", dashed=True))
     alarms = [_Row([DOCUMENT.alarm], f"{a}, {b}") for a, b, _ in overlaps]
     sections = [

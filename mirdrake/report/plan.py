@@ -19,6 +19,7 @@ import shapely
 from markupsafe import escape
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.wording import plural
 from mirdrake.report.map_key import draw_key
 from mirdrake.report.map_labels import Labels, label_patches, label_props, label_tracks
 from mirdrake.report.map_sheet import DOCUMENT, INK, MUTED, Palette, Sheet, line_tag, text_tag
@@ -232,5 +233,5 @@ def _subtitle(world: World) -> str:
     facts = [f"seed {world.spec.seed}"]
     for key, value in list(world.spec.params.items())[:5]:
         facts.append(f"{key} = {value:.6g}" if isinstance(value, int | float) else f"{key} = {value}")
-    facts.append(f"{len(world.props)} prop{'s' * (len(world.props) != 1)}")
+    facts.append(plural(len(world.props), "prop"))
     return "  ·  ".join([*facts, f"ground {xmax - xmin:.4g} m × {ymax - ymin:.4g} m"])

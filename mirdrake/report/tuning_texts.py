@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 
+from mirdrake.core.wording import plural
 from mirdrake.report.words import format_quantity, format_time, title_case
 from mirdrake.tuning.acceptance import Criterion, StepEffect
 from mirdrake.tuning.apply import Comparison
@@ -276,7 +277,7 @@ class Texts:
         texts = [self._rejection(rejection) for rejection in rejections if rejection.check != "monte_carlo"]
         if runs:
             texts.append(
-                f"not stable in {len(runs)} run{'s' * (len(runs) > 1)} of the Monte Carlo, first in run {runs[0].run} "
+                f"not stable in {plural(len(runs), 'run')} of the Monte Carlo, first in run {runs[0].run} "
                 f"({describe(runs[0].conditions) if runs[0].conditions else 'nominal'}): {runs[0].reason}"
                 + self._made(runs[0].made_runs)
             )

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.wording import plural
 from mirdrake.runs.texts import describe_figures, describe_stop
 
 if TYPE_CHECKING:
@@ -154,6 +155,8 @@ def describe(run: "Run") -> str:
     for name in vehicles:
         figures = summary.get("vehicles", {}).get(name, {})
         lines.append(f"  {name}: {', '.join(describe_figures(figures))}".removesuffix(": "))
-    lines.append(f"  {len(run.signals.columns)} signals, {len(run.signals)} samples; {len(run.events)} events")
+    lines.append(
+        f"  {len(run.signals.columns)} signals, {len(run.signals)} samples; {plural(len(run.events), 'event')}"
+    )
     lines.append(f"  folder: {run.folder or 'none, in memory'}")
     return "\n".join(lines)

@@ -21,6 +21,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.core.errors import WorldError
+from mirdrake.core.wording import plural
 from mirdrake.worlds.clothoids import distances, solve
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
@@ -151,7 +152,7 @@ def _check_points(points: ArrayLike, closed: bool) -> Array:
     if closed and len(places) > 1 and math.dist(places[0], places[-1]) < 1e-6:
         places = places[:-1]
     if len(places) < 4:
-        raise WorldError(f"{len(places)} points; a curve needs at least 4")
+        raise WorldError(f"{plural(len(places), 'point')}; a curve needs at least 4")
     chords = _chords(places, closed)
     if chords.min() < 1e-6:
         index = int(np.argmin(chords))

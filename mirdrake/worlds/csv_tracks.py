@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.csv_files import read_csv
 from mirdrake.readers.tables import CsvLayout, Request, Table, as_numbers
@@ -104,7 +105,7 @@ def read_csv_track(
     is_repeated = len(points) > 1 and math.dist(points[0], points[-1]) < 1e-6
     points = points[:-1] if is_repeated else points
     if len(points) < 4:
-        raise ConfigError(f"{name}: {len(points)} points; a track needs at least 4, one per line")
+        raise ConfigError(f"{name}: {plural(len(points), 'point')}; a track needs at least 4, one per line")
     chords = np.hypot(*np.diff(points, axis=0).T)
     # The median is robust against the jump that is searched for; the mean would grow with it.
     median = float(np.median(chords))

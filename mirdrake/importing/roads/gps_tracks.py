@@ -15,6 +15,7 @@ import numpy as np
 import pymap3d
 
 from mirdrake.core.errors import ConfigError, WorldError
+from mirdrake.core.wording import plural
 from mirdrake.core.xml_reader import parse_xml, read_xml_bytes
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Code
@@ -65,7 +66,7 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     """
     degrees, lines = _read_gpx(source) if source.suffix.lower() == ".gpx" else _read_csv(source)
     if len(degrees) < 4:
-        raise ConfigError(f"{display_path(source)}: {len(degrees)} positions; a track needs four or more")
+        raise ConfigError(f"{display_path(source)}: {plural(len(degrees), 'position')}; a track needs four or more")
     # The map is flat: heights are zero here and become a relief along the track.
     east, north, _ = pymap3d.geodetic2enu(degrees[:, 0], degrees[:, 1], 0.0, degrees[0, 0], degrees[0, 1], 0.0)
     places, indices = _thinned(np.column_stack((east, north)))

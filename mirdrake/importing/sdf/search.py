@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote
 
+from mirdrake.core.wording import plural
 from mirdrake.importing.packages import Packages
 from mirdrake.importing.sdf.elements import model_file
 
@@ -151,7 +152,7 @@ def searched() -> str:
     parts = []
     for variable in VARIABLES:
         folders = [entry for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
-        count = f"{len(folders)} folder{'s' if len(folders) != 1 else ''}" if folders else "not set"
+        count = plural(len(folders), "folder") if folders else "not set"
         if folders or variable in {"GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH"}:
             parts.append(f"{variable} ({count})")
     return f"searched: {', '.join(parts)} and the folders beside and above the file"

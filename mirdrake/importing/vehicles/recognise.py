@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 
 from mirdrake.core.errors import ModelError
+from mirdrake.core.wording import plural
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.driven import find_drive
@@ -232,7 +233,7 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     number = len(wheels)
     # Order matters: a differential drive may have as many wheels as a tricycle.
     if len(driven) == 2 and (casters or (number == 2 and len(axles) == 1)):
-        count = f" and {casters} caster{'s' if casters != 1 else ''}" if casters else " on one axle"
+        count = f" and {plural(casters, 'caster')}" if casters else " on one axle"
         return f"2 driven wheels{count} (differential drive): {_names(driven)}"
     if number == 2 and len(axles) == 2:
         return f"a bicycle: {_named(wheels)}"

@@ -24,6 +24,7 @@ from pydrake.math import RollPitchYaw
 
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.places import Places
@@ -264,7 +265,7 @@ def _overlap_rules(props: list[PlacedProp], where: str, changes: Changes) -> lis
     if not pairs:
         return []
     shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
-    was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
+    was = f"{plural(len(pairs), 'pair')}: {shown_pairs}"
     why = "objects of a world may not overlap without a rule"
     changes.add(Code.RULE, where, "overlapping objects", was, "allowed by rules", why)
     return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
@@ -305,7 +306,7 @@ def _checks(
     checks = []
     if converter.lost:
         count = len(converter.lost)
-        checks.append(f"{count} fault{'s' if count > 1 else ''} left out collision geometry: see below.")
+        checks.append(f"{plural(count, 'fault')} left out collision geometry: see below.")
     if any(change.code is Code.STAND_IN_UNSURE for change in world.changes):
         checks.append("Size and heading of props that replace models: not all were measured.")
     # Five centimetres: less is rounding of the source.

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.core.wording import plural
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
@@ -70,7 +71,7 @@ class Converter:
         done += [entry for crowd in world.crowds if (entry := self._crowd(crowd)) is not None]
         if self._sunk:
             count = len(self._sunk)
-            was = f"{count} obj{'s' if count > 1 else ''} up to {1e3 * max(self._sunk):.2g} mm off the ground"
+            was = f"{plural(count, 'object')} up to {1e3 * max(self._sunk):.2g} mm off the ground"
             why = "contacts of Gazebo are soft; loose objects would jump"
             self.changes.add(Code.MODEL, f"{world.files[0]}:1", "loose objects", was, "on the ground", why)
         return done
