@@ -188,7 +188,7 @@ def test_a_first_stamp_from_long_ago_does_not_hang_the_check():
     values = {name: np.append(0.0, signal) for name, signal in log.channels.items()}
     report = checked(Log("old", "train", time, values))
     (fault,) = [finding for finding in report.of("gaps") if finding.unit == "stretches"]
-    assert "one stretch kept, 1 rows" in fault.repair
+    assert "one stretch kept, 1 row of" in fault.repair
     assert np.ptp(report.data.logs[0].time) == pytest.approx(40.0)
     assert checked(Log("old", "train", time, values), repairs=()).table()
 

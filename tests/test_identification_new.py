@@ -2,16 +2,23 @@
 
 import json
 import math
+from shutil import rmtree
 
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
+import mirdrake as mir
 from mirdrake.cli import main
 from mirdrake.core.vectors import STATE
+from mirdrake.core.yaml_io import load_yaml
 from mirdrake.identification import load_data
 from mirdrake.identification.channels import CHANNELS, quantity
 from mirdrake.identification.column_names import channel_by_name, channels_of_run, unit_by_name
+from mirdrake.identification.default_study import default_study
+from mirdrake.identification.spec import DataSpec
+from mirdrake.single_track import estimate_parameters
+from mirdrake.vehicles import load_vehicle
 from tests.test_identification_data import changed, checked, clean, recorded
 
 G, KMH, DEG = 9.80665, 3.6, 180.0 / math.pi
@@ -274,3 +281,34 @@ def test_a_bag_of_ros_is_proposed(tmp_path, capsys, kind):
     known = np.isfinite(log.channels["vx"])
     assert log.channels["vx"][known] == pytest.approx(2.0 + log.time[known])
     assert "gear: {column: /gear:data}" in text.replace('"', "")
+
+
+def test_the_vehicle_of_a_run_gives_wheelbase_mass_and_centre_of_mass(tmp_path, capsys):
+    run = tmp_path / "drive"
+    car = {"world": "empty", "vehicles": {"car": {"model": "bolt", "speed": 8.0}}, "plant": {"contact": "point"}}
+    car["control"] = {"car": {"kind": "constant", "speed": 8.0}}
+    mir.simulate({**car, "record": {"meshcat": False, "report": False}}, duration=0.5, folder=run)
+    assert main(["identify", "new", str(run)]) == 0
+    assert "wheelbase: 2.60" in capsys.readouterr().out
+    parameters = estimate_parameters(load_vehicle("bolt"))
+    spec = load_yaml(tmp_path / "drive.yaml", DataSpec)
+    assert spec.wheelbase == pytest.approx(load_vehicle("bolt").geometry.wheelbase, rel=1e-5)
+    assert spec.mass == pytest.approx(parameters.mass, rel=1e-5)
+    assert spec.front_length == pytest.approx(parameters.front_length, rel=1e-5)
+    # A run without its scene is a log like any other.
+    rmtree(run / "scene")
+    assert main(["identify", "new", str(run), "--force"]) == 0
+    assert load_yaml(tmp_path / "drive.yaml", DataSpec).wheelbase is None
+
+
+def test_a_mass_in_the_data_file_is_fixed_in_a_fit_without_a_study(tmp_path):
+    t, c = truth()
+    names = ("vx", "yaw_rate", "road_wheel_angle")
+    write_table(tmp_path / "log.csv", [t, *(c[name] for name in names)], "time,vx,yaw_rate,road_wheel_angle\n")
+    units = {"vx": "m/s", "yaw_rate": "rad/s", "road_wheel_angle": "rad"}
+    channels = {name: {"column": name, "unit": unit} for name, unit in units.items()}
+    vehicle = {"wheelbase": "2.7 m", "mass": "1500 kg", "front_length": "1.2 m"}
+    content = {"mirdrake": "data/1", **vehicle, "channels": channels, "logs": [{"file": "log.csv"}]}
+    (tmp_path / "log.yaml").write_text(json.dumps(content), encoding="utf-8")
+    parameters = default_study(tmp_path / "log.yaml").parameters
+    assert {name: entry.fixed for name, entry in parameters.items()} == {"mass": 1500.0, "front_length": 1.2}

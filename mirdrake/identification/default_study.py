@@ -42,6 +42,10 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
     if not any(entry.use == "validation" for entry in spec.logs):
         content["validation_fraction"] = VALIDATION_FRACTION
         about += f", {100.0 * VALIDATION_FRACTION:.0f} % of the recorded time for validation"
+    known = {name: getattr(spec, name) for name in model_class(kind).data_parameters}
+    content["parameters"] = {
+        name: {"fixed": value, "source": "data file"} for name, value in known.items() if value is not None
+    }
     if spec.wheelbase is None and model_class(kind).uses_steering_guess:
         about += ", an assumed wheelbase that suits the turns; add 'wheelbase' to the data file"
     text = yaml.safe_dump({**content, "about": about}, sort_keys=False)

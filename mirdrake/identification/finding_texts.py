@@ -146,7 +146,8 @@ FINDINGS: dict[str, Text] = {
     "long_gaps": "{gaps:|gap} longer than {limit:.3g} s: the log has {stretches:|stretch}",
     "sparse": _sparse,
     "missing": "{missing:|value} of {rows} missing ({percent:.3g} %)",
-    "first_rows": "{rows:|row} without measurements at the beginning: {channel} is {first:.4g} there, then {then:.4g} {unit}",
+    "first_rows": "{rows:|row} without measurements at the beginning: {channel} is {first:.4g} there, then {then:.4g} "
+    "{unit}",
     "copied": _copied,
     "repeated_by_chance": "{percent:.2g} % of the rows repeat the one before while it moves, as often as values of "
     "this resolution do by chance: not taken for held",

@@ -7,6 +7,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, display_path, to_si, validate
 from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.run_vehicle import vehicle_of_run
 from mirdrake.identification.spec import DataSpec
 from mirdrake.readers import CsvLayout, read_table
 from mirdrake.readers.formats import is_bag
@@ -37,7 +38,7 @@ def map_log(
         mapped: ``"CHANNEL=COLUMN[:UNIT]"`` texts.
         clock: ``"COLUMN[:UNIT]"``; None for the column time.
         step: sample time of a log without a clock; None if it has one.
-        wheelbase: [m]; None if unknown.
+        wheelbase: [m]; None for that of the vehicle of a run, and if unknown.
 
     Raises:
         ConfigError: the file cannot be read, or no column is mapped.
@@ -78,6 +79,8 @@ def map_log(
     elif not channels:
         raise ConfigError(f"{display_path(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
     content: Json = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
+    if wheelbase is None and (vehicle := vehicle_of_run(path)) is not None:
+        wheelbase = vehicle.wheelbase
     content |= {} if wheelbase is None else {"wheelbase": wheelbase}
     return validate(content, DataSpec, Source("command line", {}))
 

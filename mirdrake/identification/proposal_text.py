@@ -26,7 +26,7 @@ def proposal_text(proposal: DataProposal, log: str | None = None) -> str:
         f"# Proposed by mirdrake identify new for {proposal.file.name}: check every line. Values are positive forward,",
         "# to the left and up (ISO 8855): a left turn has a positive yaw rate, lateral acceleration and steering.",
         *(f"# {note}" for note in proposal.notes),
-        "# wheelbase: 2.7 m             # if you know it: the steering is checked with it",
+        *_known(proposal),
         "# clock: yaw_rate              # a channel without delay; found by the data check if left out",
     ]
     # Without a time column the step is a guess, which the remark states.
@@ -44,6 +44,23 @@ def proposal_text(proposal: DataProposal, log: str | None = None) -> str:
         lines += [f"#   and {more} more"] if more > 0 else []
     lines += ["logs:", f"  - {{file: {_scalar(log or proposal.file.name)}}}  # start: 2 s, end: 40 s, use: validation"]
     return "\n".join(lines) + "\n"
+
+
+def _known(proposal: DataProposal) -> list[str]:
+    """Return the dimensions of the vehicle, as comments if they are not known."""
+    vehicle = proposal.vehicle
+    if vehicle is None:
+        return [
+            "# wheelbase: 2.7 m             # if you know it: the steering is checked with it",
+            "# mass: 1500 kg                # if you know it: else stiffness and inertia are per kilogram",
+        ]
+    source = f"# of vehicle '{vehicle.name}' of the run"
+    rows = (
+        ("wheelbase", vehicle.wheelbase, "m"),
+        ("mass", vehicle.mass, "kg"),
+        ("front_length", vehicle.front_length, "m"),
+    )
+    return [f"{f'{key}: {value:.6g} {unit}':28}  {source}" for key, value, unit in rows]
 
 
 def _entry(item: Proposal) -> str:

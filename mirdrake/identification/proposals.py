@@ -24,6 +24,7 @@ from mirdrake.identification.derived import DERIVATIONS, add_derived, available
 from mirdrake.identification.message_types import fields_of
 from mirdrake.identification.plausibility import STEERING, estimate_gains, steering_sign
 from mirdrake.identification.relations import relation_effect
+from mirdrake.identification.run_vehicle import KnownVehicle, vehicle_of_run
 from mirdrake.readers import read_table
 from mirdrake.readers.bags import list_topics
 from mirdrake.readers.formats import is_bag
@@ -103,6 +104,7 @@ class DataProposal:
         channels: proposals.
         others: columns without a channel.
         notes: what was detected about the file.
+        vehicle: dimensions of the vehicle, in a run of mirdrake.
     """
 
     file: Path
@@ -112,6 +114,7 @@ class DataProposal:
     channels: tuple[Proposal, ...]
     others: tuple[Other, ...]
     notes: tuple[str, ...]
+    vehicle: KnownVehicle | None = None
 
 
 def propose_data(path: Path) -> DataProposal:
@@ -144,7 +147,7 @@ def propose_data(path: Path) -> DataProposal:
         for name, values in numbers.items()
         if name not in used
     )
-    return DataProposal(path, time, unit, reason, tuple(channels), others, tuple(table.notes))
+    return DataProposal(path, time, unit, reason, tuple(channels), others, tuple(table.notes), vehicle_of_run(path))
 
 
 def missing_channels(proposal: DataProposal) -> list[str]:

@@ -4,6 +4,7 @@
 
     mirdrake: data/1
     wheelbase: 2.827 m                                 # optional; with it the steering is checked too
+    mass: 1616 kg                                      # optional, as front_length; fixed in a fit without a study
     time: {column: t_s, unit: s}                       # or {step: 10 ms} without such a column
     channels:
       vx: {column: v_kmh, unit: km/h}
@@ -20,7 +21,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mirdrake.core.errors import did_you_mean
-from mirdrake.core.yaml_io import Duration, Length, Schema
+from mirdrake.core.yaml_io import Duration, Length, Mass, Schema
 from mirdrake.identification.channels import channel
 from mirdrake.readers import CsvLayout
 from mirdrake.readers.units import plain_unit, unit_factor
@@ -109,6 +110,10 @@ class DataSpec(Schema):
     mirdrake: Literal["data/1"] = Field(description="format and version [-]")
     about: str = Field(default="", description="description for people [-]")
     wheelbase: Length | None = Field(default=None, gt=0.0, description="front to rear axle [m]")
+    mass: Mass | None = Field(default=None, gt=0.0, description="mass, fixed in a fit without a study [kg]")
+    front_length: Length | None = Field(
+        default=None, gt=0.0, description="centre of mass to front axle, fixed in a fit without a study [m]"
+    )
     time: TimeColumn = Field(default=TimeColumn(column="time"), description="clock of all logs [-]")
     channels: dict[str, Mapped] = Field(default={}, description="columns of all logs, by name of the channel [-]")
     csv: CsvLayout = Field(default=CsvLayout(), description="layout of CSV files [-]")

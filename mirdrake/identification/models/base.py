@@ -187,6 +187,7 @@ class Model(ABC):
     Attributes:
         kind: key in the registry.
         Options: schema of the options.
+        data_parameters: parameters that a data file can give for a fit without a study.
         uses_steering_guess: whether slow turns give the first guess of steering ratio and offset.
         title: kind and options in words.
         parameters: all parameters.
@@ -202,6 +203,7 @@ class Model(ABC):
 
     kind: ClassVar[str]
     Options: ClassVar[type[ModelOptions]] = ModelOptions
+    data_parameters: ClassVar[tuple[str, ...]] = ()
     uses_steering_guess: ClassVar[bool] = False
     title: str
     parameters: tuple[Parameter, ...]

@@ -62,6 +62,7 @@ class LongitudinalModel(EquationModel):
     """
 
     kind = "longitudinal"
+    data_parameters = ("mass",)
     Options = LongitudinalOptions
 
     def __init__(

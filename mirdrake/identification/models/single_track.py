@@ -176,6 +176,7 @@ class SingleTrackModel(CompiledModel):
     """
 
     kind = "single_track"
+    data_parameters = ("mass", "front_length")
     Options = SingleTrackOptions
     uses_steering_guess = True
     sensor_parameters = _SENSOR_PARAMETERS
