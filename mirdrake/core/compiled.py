@@ -35,6 +35,7 @@ Records = npt.NDArray[np.void]
 _NUMBERS = (float, int)  # as a tuple, twice as fast to check against as a union
 
 
+@cache
 def record_type(kind: type[Any]) -> np.dtype[np.void]:
     """Return the NumPy type of the record of a named tuple or dataclass, with the same fields.
 

@@ -116,7 +116,7 @@ class LoopEvaluator:
         if conditions.step != 1.0:
             spec = replace(spec, course=replace(spec.course, step=conditions.step * spec.course.step))
         if fidelity == "reduced":
-            return run_reduced(spec, gains, conditions)
+            return run_reduced(spec, gains, conditions, keep=self.keep)
         # No gains: the controllers of the vehicle, which may be of another kind than those that are tuned.
         if not gains and spec.test_control:
             margins = find_loop_margins(spec, spec.present)
@@ -125,5 +125,5 @@ class LoopEvaluator:
         # Margins follow from the model alone, so a broken limit needs no run of the plant, if there is a reduced model.
         broken = any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items())
         if broken and spec.model is not None and spec.has_pid_gains:
-            return run_reduced(spec, gains, conditions)
+            return run_reduced(spec, gains, conditions, keep=self.keep)
         return bench_of(spec).run(gains, conditions, margins=margins)

@@ -42,6 +42,7 @@ def judge(
     noise: float = 0.0,
     margins: Mapping[str, float] = MappingProxyType({}),
     others: Mapping[str, Floats] = MappingProxyType({}),
+    keep: bool = True,
 ) -> Evaluation:
     """Evaluate the response of a test.
 
@@ -64,8 +65,10 @@ def judge(
         noise: standard deviation of the measurement [y].
         margins: added to the figures.
         others: further signals that must not oscillate [y], each of shape (n,), by what oscillates.
+        keep: whether the evaluation has the response.
     """
-    response = pd.DataFrame({"t": t, "reference": reference, "output": output, "effort": effort})
+    columns = {"t": t, "reference": reference, "output": output, "effort": effort}
+    response = pd.DataFrame(columns) if keep else None
     if not (np.isfinite(output).all() and np.isfinite(effort).all()):
         return Evaluation("unstable", response=response, reason="a number is not finite")
     # All bounds are relative to the step, as loops have different units and sizes.
@@ -133,5 +136,7 @@ def _fault_on_slopes(t: Floats, error: Floats, others: Mapping[str, Floats], cou
 
 
 def _oscillation(t: Floats, signal: Floats) -> float:
-    """Return the standard deviation from a straight line."""
-    return float(np.std(signal - np.polyval(np.polyfit(t, signal, 1), t)))
+    """Return the standard deviation from the straight line that fits best."""
+    past, change = t - np.mean(t), signal - np.mean(signal)
+    line = (past @ change) / (past @ past) * past
+    return float(np.sqrt(np.mean((change - line) ** 2)))

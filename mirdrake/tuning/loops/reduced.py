@@ -3,14 +3,14 @@
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains, PidLimits
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.block_response import loop_of
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.reduced_kernel import KERNEL_PARTS, RunNumbers, simulate_test
@@ -22,6 +22,9 @@ from mirdrake.tuning.stability import is_stable
 
 OpenLoop = tuple[LoopResponse, float, float]
 """Loop transfer function, with the lowest and the highest frequency [rad/s] of its range."""
+
+MOST_TESTS = 2000
+"""Conditions whose tests on the reduced model a thread keeps."""
 
 
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
@@ -155,57 +158,131 @@ class _LastMargins(threading.local):
 _last_margins = _LastMargins()
 
 
-def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditions = NOMINAL) -> Evaluation:
+@dataclass(frozen=True)
+class _Test:
+    """What a test on the reduced model needs besides the gains.
+
+    Attributes:
+        delayed: transfer functions of the loop, with half a period for the hold of the sampled controller.
+        parts: the plant over a period, from effort to measurement.
+        output_row: output times scale per state.
+        t: times of the samples [s].
+        reference: set-point [y].
+        wanted: set-point of each period, less the start, times scale.
+        feedforward: control that is added [u].
+        loads: part of the effort without dead time [u].
+        resistances: forces on the plant that are not effort [u].
+        noise: of the measurement.
+        limits: of the control.
+    """
+
+    delayed: tuple[TransferFunction, ...]
+    parts: DiscreteMatrices
+    output_row: Floats
+    t: Floats
+    reference: Floats
+    wanted: Floats
+    feedforward: Floats
+    loads: Floats
+    resistances: Floats
+    noise: Floats
+    limits: PidLimits
+
+
+def run_reduced(
+    spec: LoopSpec, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, keep: bool = True
+) -> Evaluation:
     """Run the test manoeuvre on the reduced model, on which friction has no effect.
+
+    Args:
+        spec: the loop.
+        gains: by name.
+        conditions: of the test.
+        keep: whether the evaluation has the response.
 
     Raises:
         ConfigError: the loop has not been identified, or a gain is not valid.
     """
-    model, period = model_of(spec)
-    pid, course = pid_of(spec, gains), spec.course
-    plants = {name: plant_under(spec, conditions, plant) for name, plant in model.plants.items()}
+    model, _ = model_of(spec)
+    pid, test = pid_of(spec, gains), _tests.get(spec, conditions)
     # A pole test first: a slowly growing oscillation may not be visible within the test.
-    if any(gains.values()):
-        for plant in loop_plants(replace(spec, model=replace(model, plants=plants))).values():
-            # Half a period stands for the hold of the sampled controller.
-            delayed = TransferFunction(plant.numerator, plant.denominator, plant.delay + 0.5 * period)
-            if not is_stable(delayed, pid):
-                return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
+    if any(gains.values()) and not all(is_stable(plant, pid) for plant in test.delayed):
+        return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
+    output, effort = np.zeros(len(test.t)), np.zeros(len(test.t))
+    parts = test.parts
+    stable = compiled(simulate_test, parts=KERNEL_PARTS)(
+        _numbers(spec, pid, test.limits, parts, conditions),
+        parts.step, parts.old, parts.new, parts.held, parts.row, test.output_row,
+        test.wanted, test.feedforward, test.loads, test.resistances, test.noise, output, effort,
+    )  # fmt: skip
+    if not stable:
+        return Evaluation("unstable", reason="the output grows without bound")
+    return judge(
+        test.t,
+        test.reference,
+        output,
+        effort,
+        course=spec.course,
+        limits=test.limits,
+        noise=conditions.noise / model.scale,
+        margins=find_loop_margins(spec, gains),
+        keep=keep,
+    )
+
+
+def _make_test(spec: LoopSpec, conditions: Conditions) -> _Test:
+    """Return what a test under conditions needs besides the gains."""
+    model, period = model_of(spec)
+    course = spec.course
+    plants = {name: plant_under(spec, conditions, plant) for name, plant in model.plants.items()}
+    loops = loop_plants(replace(spec, model=replace(model, plants=plants))).values()
 
     # Set-points and feed-forward as the control unit makes them: slope limited, from differences per period. At a
     # sample the unit has moved the set-point by one period already.
     t: Floats = np.arange(round(course.duration / period) + 1, dtype=float) * period
     reference, ahead = set_points(spec, t), set_points(spec, t + period)
-    feedforward = model.feedforward * (ahead - reference) / period
-    # A load acts for a part of the period in which it begins, a step of the plant after its time.
-    loads = course.load * np.clip((t - course.load_time - spec.time_step) / period + 1.0, 0.0, 1.0)
-    # Resistances act against the drive; gravity on a grade grows with the mass.
-    resistances = np.full(len(t), -model.drag - model.weight * math.sin(conditions.grade) * conditions.mass)
     noise = np.zeros(len(t))
     if conditions.noise:
         noise = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, len(t))
-    limits = PidLimits() if model.limit is None else PidLimits(-model.limit, model.limit)
-
-    output, effort = np.zeros(len(t)), np.zeros(len(t))
-    parts = discrete_matrices(model.to_measurement(plants["main"]), period)
-    output_row = discrete_matrices(model.to_output(plants["main"]), period).row
-    stable = compiled(simulate_test, parts=KERNEL_PARTS)(
-        _numbers(spec, pid, limits, parts, conditions),
-        parts.step, parts.old, parts.new, parts.held, parts.row, output_row,
-        (ahead - model.start) * model.scale, feedforward, loads, resistances, noise, output, effort,
-    )  # fmt: skip
-    if not stable:
-        return Evaluation("unstable", reason="the output grows without bound")
-    return judge(
-        t,
-        reference,
-        output,
-        effort,
-        course=course,
-        limits=limits,
-        noise=conditions.noise / model.scale,
-        margins=find_loop_margins(spec, gains),
+    return _Test(
+        delayed=tuple(TransferFunction(one.numerator, one.denominator, one.delay + 0.5 * period) for one in loops),
+        parts=discrete_matrices(model.to_measurement(plants["main"]), period),
+        output_row=discrete_matrices(model.to_output(plants["main"]), period).row,
+        t=t,
+        reference=reference,
+        wanted=(ahead - model.start) * model.scale,
+        feedforward=model.feedforward * (ahead - reference) / period,
+        # A load acts for a part of the period in which it begins, a step of the plant after its time.
+        loads=course.load * np.clip((t - course.load_time - spec.time_step) / period + 1.0, 0.0, 1.0),
+        # Resistances act against the drive; gravity on a grade grows with the mass.
+        resistances=np.full(len(t), -model.drag - model.weight * math.sin(conditions.grade) * conditions.mass),
+        noise=noise,
+        limits=PidLimits() if model.limit is None else PidLimits(-model.limit, model.limit),
     )
+
+
+class _Tests(threading.local):
+    """Tests of a loop that a thread has made: many gains are tested under the same conditions."""
+
+    def __init__(self) -> None:
+        self._loop: tuple[object, ...] = ()
+        self._made: dict[tuple[Course, Conditions], _Test] = {}
+
+    def get(self, spec: LoopSpec, conditions: Conditions) -> _Test:
+        """Return the test of a loop under conditions."""
+        loop = (spec.model, spec.period, spec.time_step, spec.delay)
+        if not (len(self._loop) and self._loop[0] is loop[0] and self._loop[1:] == loop[1:]):
+            self._loop, self._made = loop, {}
+        key = (spec.course, conditions)
+        if key not in self._made:
+            # Studies draw some hundred conditions; the limit is for other uses.
+            if len(self._made) >= MOST_TESTS:
+                self._made.clear()
+            self._made[key] = _make_test(spec, conditions)
+        return self._made[key]
+
+
+_tests = _Tests()
 
 
 def _numbers(
