@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.loops.slip import RESERVE, run_slip
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.trials import make_trial
 
@@ -26,13 +27,11 @@ class InScenarios:
         evaluate: tests gains.
         scenarios: conditions under which gains must be stable.
         constraints: limits of figures by name.
-        slopes: tests gains on the vehicle's own slopes of the set-point, where they must be stable, too; None: without.
     """
 
     evaluate: Evaluator
     scenarios: tuple[Conditions, ...]
     constraints: dict[str, float]
-    slopes: Evaluator | None = None
 
     def __call__(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
@@ -44,9 +43,45 @@ class InScenarios:
                 other = self.evaluate(gains, scenario, fidelity)
                 if other.status != "ok":
                     return Evaluation(other.status, reason=f"{describe(scenario)}: {other.reason}")
-            if self.slopes is not None and (other := self.slopes(gains)).status != "ok":
-                return Evaluation(other.status, reason=f"own slopes of the vehicle: {other.reason}")
         return result
+
+
+@dataclass(frozen=True)
+class InSlip:
+    """Tests gains that pass tests on the slip model; others are unstable. Can be pickled.
+
+    The slip model (:mod:`mirdrake.tuning.loops.slip`) takes a hundredth of the time of the plant.
+
+    Attributes:
+        evaluate: tests gains.
+        slopes: loop whose test has the vehicle's own slopes of the set-point.
+        loop: the loop.
+        scenarios: conditions of further tests of the loop.
+    """
+
+    evaluate: Evaluator
+    slopes: LoopSpec
+    loop: LoopSpec
+    scenarios: tuple[Conditions, ...] = ()
+
+    def __call__(
+        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        """Test gains; every failure is an evaluation."""
+        # Other conditions are tests of the same gains.
+        if conditions == NOMINAL:
+            if reason := fault_on_own_slopes(self.slopes, gains):
+                return Evaluation("unstable", reason=f"own slopes of the vehicle: {reason}")
+            for scenario in self.scenarios:
+                result = run_slip(self.loop, gains, scenario, friction=1.0 - RESERVE, keep=False)
+                if result.status != "ok":
+                    return Evaluation("unstable", reason=f"{describe(scenario)}: {result.reason}")
+        return self.evaluate(gains, conditions, fidelity)
+
+
+def fault_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> str:
+    """Return why gains do not follow the vehicle's own slopes on the slip model, with a reserve of friction; or ""."""
+    return run_slip(slopes, gains, friction=1.0 - RESERVE, keep=False).reason
 
 
 def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:

@@ -22,7 +22,7 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
-from mirdrake.tuning.scenarios import InScenarios, Ranges, drawn_ranges, hardest
+from mirdrake.tuning.scenarios import InScenarios, InSlip, Ranges, drawn_ranges, fault_on_own_slopes, hardest
 from mirdrake.tuning.screening import COST, SAMPLE, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
@@ -202,7 +202,6 @@ class Stages:
         *,
         loop: LoopSpec | None = None,
         scenarios: Sequence[Conditions] = (),
-        slopes: bool = False,
     ) -> Trials:
         """Search gains on the reduced model by the method of the study, or on the plant.
 
@@ -213,7 +212,6 @@ class Stages:
             stage: its name, and that of its journal.
             loop: instead of the study's.
             scenarios: conditions under which gains that meet the constraints must be stable.
-            slopes: whether they must also follow the vehicle's own slopes of the set-point.
 
         Raises:
             StoppedError: Ctrl-C.
@@ -230,11 +228,12 @@ class Stages:
         cost = spec.cost
         if self._sample and method != "nsga2":  # which has an objective per figure of the cost
             evaluate, cost = InRuns(evaluate, tuple(self._sample), spec.cost), {COST: 1.0}
-        own = LOOP_KINDS[self.loop.kind].at_own_slopes(self.loop) if slopes else None
-        if scenarios or own is not None:
+        if scenarios and not reduced:
             # Constraints first, then scenarios: an infeasible trial needs no further tests.
-            on_slopes = None if own is None else LoopEvaluator(own)
-            evaluate = InScenarios(evaluate, tuple(scenarios), constraints, on_slopes)
+            evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
+        # Wheels that would keep slipping show on a model that takes a hundredth of the time of the plant.
+        if loop is None and self._slips_on is not None:
+            evaluate = InSlip(evaluate, self._slips_on, self.loop, tuple(scenarios))
         outcome = search(
             evaluate,
             {name: entry.parameter() for name, entry in space.items()},
@@ -251,7 +250,7 @@ class Stages:
             executor=None if reduced else self.executor,
             workers=0 if reduced else self.workers,
             store=self.folder / f"{stage}.jsonl",
-            purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios], "slopes": slopes},
+            purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
             progress=lambda done, total, left: self.progress(stage, done, total, left),
         )
         # Incomplete searches are in the journal and resume with the next call.
@@ -265,10 +264,28 @@ class Stages:
             return None
         return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
 
+    @cached_property
+    def own_slopes(self) -> LoopSpec | None:
+        """Loop whose test has the vehicle's own slopes of the set-point; None if the loop's set-point has none."""
+        return LOOP_KINDS[self.loop.kind].at_own_slopes(self.loop)
+
+    @property
+    def _slips_on(self) -> LoopSpec | None:
+        """Loop of the test on the slip model; None without one, or with gains that are not those of a PID."""
+        own = self.own_slopes
+        has_model = own is not None and own.model is not None and own.model.slip is not None
+        return own if has_model and self.loop.has_pid_gains else None
+
+    def test_slip(self, design: Design) -> Evaluation | None:
+        """Test a design on the slip model, with the vehicle's own slopes; None if the loop has no such model."""
+        if self._slips_on is None or not design.gains:
+            return None
+        reason = fault_on_own_slopes(self._slips_on, design.gains)
+        return Evaluation("unstable", reason=f"slip model: {reason}") if reason else Evaluation("ok")
+
     def test_on_own_slopes(self, design: Design) -> Evaluation | None:
         """Test a design with the vehicle's own slopes of the set-point; None if the loop's set-point has none."""
-        loop = LOOP_KINDS[self.loop.kind].at_own_slopes(self.loop)
-        return None if loop is None else LoopEvaluator(loop)(design.gains)
+        return None if self.own_slopes is None else LoopEvaluator(self.own_slopes)(design.gains)
 
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[MarginCheck, ...], tuple[Rejection, ...]]:
         """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""

@@ -351,7 +351,8 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
         known_gains, ranged = [*rules, *present], rules or present
     max_sensitivity = stages.constraints.get("ms", math.inf)
     space = search_space(stages.spec, stages.loop, ranged, max_sensitivity)
-    coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search")
+    hard = choice.known.hard
+    coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search", scenarios=hard)
 
     # Second stage: on the plant, in the part of the space around the best trials of the first.
     near = space_around(space, coarse.leaders)
@@ -360,9 +361,7 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     best, known, loop = None, choice.known, None
     for count in range(ROUNDS):
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
-        fine.append(
-            stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard, slopes=known.lost_on_slopes)
-        )
+        fine.append(stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard))
         best, known = choose_best(stages, known, tried, fine)
         # Nothing meets the constraints: another round would search around the same trials.
         if best is None:

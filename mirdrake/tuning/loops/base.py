@@ -169,6 +169,63 @@ class BlockModel:
 
 
 @dataclass(frozen=True)
+class DrivenAxle:
+    """Wheels of a driven axle, and a tyre of them.
+
+    Attributes:
+        wheels: number of wheels.
+        inertia: spin inertia of a wheel, with the rotor of its motor [kg m²].
+        load: load of a wheel at rest [N].
+        transfer: its change by the acceleration of the vehicle [N s²/m].
+        stiffness: slip stiffness over the load [1].
+        length: relaxation length [m].
+        damping: damping between patch and rim at all speeds, over the load [s/m].
+        curve: force over load at the slips (k / (n - 1))², for the nominal friction [1].
+    """
+
+    wheels: int
+    inertia: float
+    load: float
+    transfer: float
+    stiffness: float
+    length: float
+    damping: float
+    curve: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SlipModel:
+    """Vehicle and driven wheels as separate inertias that tyres couple up to their friction.
+
+    Attributes:
+        mass: of the vehicle, without the driven wheels' inertia, with that of the others [kg].
+        radius: rolling radius of the driven wheels [m].
+        friction: of the road [1].
+        axles: driven axles.
+        frequency: natural frequency of pitch [rad/s].
+        damping: damping ratio of pitch [1].
+        low: speed below which the deflection of a tyre is limited [m/s].
+    """
+
+    mass: float
+    radius: float
+    friction: float
+    axles: tuple[DrivenAxle, ...]
+    frequency: float
+    damping: float
+    low: float
+
+    def largest(self, *, backward: bool = False) -> float:
+        """Return the largest acceleration, or deceleration, for which the driven tyres have the force [m/s²].
+
+        From m a = μ Σ (N + c a): the acceleration changes the loads.
+        """
+        load = sum(axle.wheels * axle.load for axle in self.axles)
+        moved = (-1.0 if backward else 1.0) * sum(axle.wheels * axle.transfer for axle in self.axles)
+        return self.friction * load / (self.mass - self.friction * moved)
+
+
+@dataclass(frozen=True)
 class LoopModel:
     """Identified model of a loop, sufficient to simulate it without the plant.
 
@@ -191,6 +248,7 @@ class LoopModel:
         outer: the speed loop of the vehicle around this loop; None without one.
         block: exact linear model around a block of a diagram, from which margins are computed; None: from the transfer
             functions.
+        slip: model of wheels that may slip; None for a loop that does not drive wheels, or by pedals.
     """
 
     plants: dict[str, TransferFunction]
@@ -208,6 +266,7 @@ class LoopModel:
     radius_per_mass: float = 0.0
     outer: OuterLoop | None = None
     block: BlockModel | None = None
+    slip: SlipModel | None = None
 
     def to_measurement(self, plant: TransferFunction) -> TransferFunction:
         """Return one of the transfer functions with its factor to the measurement."""

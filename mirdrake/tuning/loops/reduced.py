@@ -159,7 +159,7 @@ _last_margins = _LastMargins()
 
 
 @dataclass(frozen=True)
-class _Test:
+class ReducedTest:
     """What a test on the reduced model needs besides the gains.
 
     Attributes:
@@ -204,7 +204,7 @@ def run_reduced(
         ConfigError: the loop has not been identified, or a gain is not valid.
     """
     model, _ = model_of(spec)
-    pid, test = pid_of(spec, gains), _tests.get(spec, conditions)
+    pid, test = pid_of(spec, gains), reduced_test(spec, conditions)
     # A pole test first: a slowly growing oscillation may not be visible within the test.
     if any(gains.values()) and not all(is_stable(plant, pid) for plant in test.delayed):
         return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
@@ -230,7 +230,7 @@ def run_reduced(
     )
 
 
-def _make_test(spec: LoopSpec, conditions: Conditions) -> _Test:
+def _make_test(spec: LoopSpec, conditions: Conditions) -> ReducedTest:
     """Return what a test under conditions needs besides the gains."""
     model, period = model_of(spec)
     course = spec.course
@@ -244,7 +244,7 @@ def _make_test(spec: LoopSpec, conditions: Conditions) -> _Test:
     noise = np.zeros(len(t))
     if conditions.noise:
         noise = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, len(t))
-    return _Test(
+    return ReducedTest(
         delayed=tuple(TransferFunction(one.numerator, one.denominator, one.delay + 0.5 * period) for one in loops),
         parts=discrete_matrices(model.to_measurement(plants["main"]), period),
         output_row=discrete_matrices(model.to_output(plants["main"]), period).row,
@@ -262,27 +262,29 @@ def _make_test(spec: LoopSpec, conditions: Conditions) -> _Test:
 
 
 class _Tests(threading.local):
-    """Tests of a loop that a thread has made: many gains are tested under the same conditions."""
+    """Tests of loops that a thread has made: many gains are tested under the same conditions."""
 
     def __init__(self) -> None:
-        self._loop: tuple[object, ...] = ()
-        self._made: dict[tuple[Course, Conditions], _Test] = {}
+        # With the model, so that its id is not that of another one.
+        self._made: dict[tuple[object, ...], tuple[LoopModel | None, ReducedTest]] = {}
 
-    def get(self, spec: LoopSpec, conditions: Conditions) -> _Test:
+    def get(self, spec: LoopSpec, conditions: Conditions) -> ReducedTest:
         """Return the test of a loop under conditions."""
-        loop = (spec.model, spec.period, spec.time_step, spec.delay)
-        if not (len(self._loop) and self._loop[0] is loop[0] and self._loop[1:] == loop[1:]):
-            self._loop, self._made = loop, {}
-        key = (spec.course, conditions)
+        key = (id(spec.model), spec.period, spec.time_step, spec.delay, spec.course, conditions)
         if key not in self._made:
             # Studies draw some hundred conditions; the limit is for other uses.
             if len(self._made) >= MOST_TESTS:
                 self._made.clear()
-            self._made[key] = _make_test(spec, conditions)
-        return self._made[key]
+            self._made[key] = spec.model, _make_test(spec, conditions)
+        return self._made[key][1]
 
 
 _tests = _Tests()
+
+
+def reduced_test(spec: LoopSpec, conditions: Conditions) -> ReducedTest:
+    """Return what a test of a loop under conditions needs besides the gains."""
+    return _tests.get(spec, conditions)
 
 
 def _numbers(
@@ -310,10 +312,19 @@ def _numbers(
 
 
 def set_points(spec: LoopSpec, t: Floats) -> Floats:
-    """Return the set-point with its limited slope [y], shape as t."""
+    """Return the set-point with its limited slopes [y], shape as t."""
     model, _ = model_of(spec)
-    step = spec.course.step
-    rate = model.rise if step > 0.0 else model.fall
-    past = np.maximum(t - spec.course.step_time, 0.0)
-    moved = np.minimum(rate * past, abs(step)) if math.isfinite(rate) else np.where(past > 1e-9, abs(step), 0.0)
-    return np.asarray(model.start + math.copysign(1.0, step) * moved, dtype=float)
+    course = spec.course
+    rise, fall = (model.rise, model.fall) if course.step > 0.0 else (model.fall, model.rise)
+
+    def moved(past: Floats, rate: float) -> Floats:
+        whole = abs(course.step)
+        ramp = np.minimum(rate * past, whole) if math.isfinite(rate) else np.where(past > 1e-9, whole, 0.0)
+        return np.asarray(ramp, dtype=float)
+
+    distance = moved(np.maximum(t - course.step_time, 0.0), rise)
+    if course.return_time is not None:
+        reached = float(moved(np.array(course.return_time - course.step_time), rise))
+        back = moved(np.maximum(t - course.return_time, 0.0), fall)
+        distance = np.where(t > course.return_time, np.maximum(reached - back, 0.0), distance)
+    return np.asarray(model.start + math.copysign(1.0, course.step) * distance, dtype=float)

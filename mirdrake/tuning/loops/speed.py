@@ -28,6 +28,7 @@ from mirdrake.tuning.identify import (
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
 from mirdrake.tuning.loops.reduced import outer_factor
+from mirdrake.tuning.loops.slip import make_slip_model
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult, run_relay_test
@@ -41,6 +42,9 @@ SLOPE = 0.6
 
 SETTLING = 2.15
 """Time after the ramp of the set-point in which the speed settles [s]; with it the test of a car takes 10 s."""
+
+GRIP = 0.85
+"""Largest share of the grip that the vehicle's own slopes may need in the test [1]; no gains follow steeper ones."""
 
 SLOWEST_SPEED = 0.1
 """Speed from which the vehicle's own slopes are driven, over the largest speed of the test [1]."""
@@ -148,23 +152,30 @@ class WheelSpeedLoop(VehicleLoop):
     def at_own_slopes(self, loop: LoopSpec) -> LoopSpec:
         """Return a loop whose test is from a low speed to the largest speed of the study's test and back.
 
-        The set-point has the slopes of the vehicle's control.yaml, as in a run.
+        The set-point has the slopes of the vehicle's control.yaml, as in a run, up to what the tyres can follow.
         """
         entry = loop.diagram["vehicles"][loop.vehicle]
         vehicle = load_vehicle(entry["model"])
         scale = self.speed_per_output(vehicle)
         top = max(loop.course.speed, loop.course.speed + loop.course.step * scale)
         low = SLOWEST_SPEED * top
-
-        # Without the slopes of the test, those of control.yaml remain.
-        slopes = ("max_acceleration", "max_deceleration")
-        speed = {name: value for name, value in entry["control"]["speed"].items() if name not in slopes}
-        changed = {**entry, "speed": low, "control": {**entry["control"], "speed": speed}}
         limits = vehicle.control.speed
-        back = loop.course.step_time + (top - low) / limits.max_acceleration + SETTLING
-        duration = back + (top - low) / limits.max_deceleration + SETTLING
+        rise, fall = limits.max_acceleration, limits.max_deceleration
+        model = loop.model
+        if model is not None:
+            if model.slip is not None:
+                rise = min(rise, GRIP * model.slip.largest())
+                fall = min(fall, GRIP * model.slip.largest(backward=True))
+            # The model of the loop is in its units.
+            model = replace(model, start=low / scale, rise=rise / scale, fall=fall / scale)
+
+        speed = {**entry["control"]["speed"], "max_acceleration": rise, "max_deceleration": fall}
+        changed = {**entry, "speed": low, "control": {**entry["control"], "speed": speed}}
+        back = loop.course.step_time + (top - low) / rise + SETTLING
+        duration = back + (top - low) / fall + SETTLING
         return replace(
             loop,
+            model=model,
             diagram={**loop.diagram, "vehicles": {**loop.diagram["vehicles"], loop.vehicle: changed}},
             course=replace(
                 loop.course, speed=low, step=(top - low) / scale, load=0.0, return_time=back, duration=duration
@@ -270,6 +281,7 @@ class WheelSpeedLoop(VehicleLoop):
         main, factors = fit_factors(responses, plain)
         model = replace(
             self.model(bench, main, drag),
+            slip=make_slip_model(bench, factors[0]),
             measured=factors[0],
             output=factors[1] if len(factors) > 1 else None,
             radius_per_mass=radius_per_mass(bench, drag),

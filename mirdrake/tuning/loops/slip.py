@@ -1,0 +1,195 @@
+"""Slip model of a speed loop: whether driven wheels that begin to slip return to rolling.
+
+A rolling wheel moves with the vehicle. A sliding one has its own inertia only, which is 50 to 200 times smaller, and
+gains that suit the vehicle make it unstable: with the dead time τ of the loop a wheel of the inertia J is stable up to
+kp = π J / (2 τ). The friction of the sliding tyre, F = μ N, decides whether it returns:
+
+- With torques below F h it always does.
+- With a larger limit T of the torque, high gains sustain an oscillation: the torque reverses τ after the slip does, and
+  the slip has the amplitude (T - F h) τ h / J and the period 4 τ T / (T + F h).
+
+Most vehicles have such torques, so that good gains rely on wheels that do not begin to slide in operation. Therefore
+tests are driven on this model: above all the vehicle's own slopes of the set-point, with a reserve of friction.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mirdrake.core.compiled import compiled, records
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import PidGains, PidLimits
+from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, make_spinning_wheels, wheel_laws
+from mirdrake.tuning.grip import axles_of
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, DrivenAxle, Evaluation, LoopSpec, OuterLoop, SlipModel
+from mirdrake.tuning.loops.bench import WAIT, PlantBench
+from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.loops.reduced import find_loop_margins, model_of, pid_of, reduced_test
+from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
+from mirdrake.tuning.models import Floats, TransferFunction
+
+RESERVE = 0.03
+"""Reserve of friction in tests on the slip model [1]. Gains with less let the wheels of the plant oscillate, too."""
+
+STEP = 1e-3
+"""Longest step of the model [s]; it is linearly implicit."""
+
+NODES = 101
+"""Slips at which the force of a tyre is stored."""
+
+PITCH = (20.0, 0.5)
+"""Natural frequency [rad/s] and damping ratio of pitch if the identified model has no such poles."""
+
+
+def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> SlipModel:
+    """Return the slip model of a vehicle on a bench.
+
+    Args:
+        bench: of a loop that controls the torque of each driven wheel.
+        measured: identified factor of the measurement, with the poles of pitch.
+    """
+    wheels, (_, laws) = make_spinning_wheels(bench.plant, bench.part), wheel_laws(bench.part)
+    axles, friction = axles_of(bench), float(bench.spec.friction or 0.0)
+    total = float(bench.plant.CalcTotalMass(bench.plant.CreateDefaultContext(), [bench.part.instance]))
+    base = axles.to_front + axles.to_rear
+    driven = []
+    for first in sorted({wheel - wheel % 2 for wheel in bench.driven}):
+        wheel = wheels[first]
+        tyre = laws[first](wheel.static_load, 0.0, friction / REFERENCE_FRICTION)
+        slips = np.linspace(0.0, 1.0, NODES) ** 2
+        speed = max(bench.spec.course.speed, 1.0)
+        driven.append(
+            DrivenAxle(
+                wheels=2,
+                inertia=wheel.inertia,
+                load=wheel.static_load,
+                # Half of the load of an axle that moves to the other one, or from it.
+                transfer=(1.0 if first else -1.0) * 0.5 * total * axles.height / base,
+                stiffness=tyre.contact.stiffness_x / wheel.static_load,
+                length=tyre.contact.length_x,
+                damping=wheel.settings.lasting_damping / wheel.static_load,
+                curve=tuple(float(tyre.forces(slip, 0.0, speed)[0]) / wheel.static_load for slip in slips.tolist()),
+            )
+        )
+    others = sum(wheel.inertia for place, wheel in enumerate(wheels) if place not in bench.driven)
+    frequency, damping = PITCH
+    poles = () if measured is None else measured.denominator
+    if len(poles) == 3 and poles[2] > 0.0:
+        frequency = math.sqrt(poles[2])
+        damping = 0.5 * poles[1] / frequency
+    return SlipModel(
+        total + others / bench.radius**2, bench.radius, friction, tuple(driven), frequency, damping,
+        wheels[bench.driven[0]].settings.low,
+    )  # fmt: skip
+
+
+def run_slip(
+    spec: LoopSpec,
+    gains: Mapping[str, float],
+    conditions: Conditions = NOMINAL,
+    *,
+    friction: float = 1.0,
+    slip: float = 0.0,
+    keep: bool = True,
+) -> Evaluation:
+    """Run the test of a loop on the slip model.
+
+    Args:
+        spec: the loop.
+        gains: by name.
+        conditions: of the test.
+        friction: factor on the friction of the road [1].
+        slip: slip velocity of the driven wheels at the start [m/s].
+        keep: whether the evaluation has the response.
+
+    Raises:
+        ConfigError: the loop has no slip model, or a gain is not valid.
+    """
+    model, _ = model_of(spec)
+    if model.slip is None:
+        raise ConfigError("the loop has no slip model")
+    test, pid = reduced_test(spec, conditions), pid_of(spec, gains)
+    road = friction * (model.slip.friction if conditions.friction is None else conditions.friction)
+    rows = np.array(
+        [
+            (
+                axle.wheels, axle.inertia * conditions.mass, axle.load * conditions.mass,
+                axle.transfer * conditions.mass, axle.stiffness, axle.length, axle.damping,
+            )
+            for axle in model.slip.axles
+        ]
+    )  # fmt: skip
+    output, effort = np.zeros(len(test.t)), np.zeros(len(test.t))
+    slips = np.zeros((len(rows), len(test.t)))
+    compiled(simulate_slip, parts=SLIP_PARTS)(
+        records(SlipNumbers, [_numbers(spec, pid, test.limits, conditions, road, slip)]),
+        rows, _curves(model.slip, road), test.wanted, test.feedforward, test.loads, test.resistances, test.noise,
+        output, effort, slips,
+    )  # fmt: skip
+    per = model.scale * model.slip.radius  # m/s per output
+    return judge(
+        test.t,
+        test.reference,
+        output,
+        effort,
+        course=spec.course,
+        limits=test.limits,
+        noise=conditions.noise / model.scale,
+        margins=find_loop_margins(spec, gains),
+        others={f"the slip of the wheels of driven axle {k + 1}": row / per for k, row in enumerate(slips)},
+        keep=keep,
+    )
+
+
+def _curves(model: SlipModel, road: float) -> Floats:
+    """Return force over load of each axle for a friction of the road, by similarity.
+
+    Source: H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 4.2: with another friction, the curve is scaled
+    along both axes, so that the slip stiffness is the same.
+    """
+    ratio = road / model.friction
+    slips = np.linspace(0.0, 1.0, NODES) ** 2
+    return np.array(
+        [
+            ratio * np.interp(np.sqrt(np.minimum(slips / ratio, 1.0)), np.sqrt(slips), axle.curve)
+            for axle in model.axles
+        ]
+    )
+
+
+def _numbers(
+    spec: LoopSpec, pid: PidGains, limits: PidLimits, conditions: Conditions, road: float, slip: float
+) -> SlipNumbers:
+    model, period = model_of(spec)
+    assert model.slip is not None
+    outer = model.outer or OuterLoop(0.0, 0.0, 0.0)
+    # Delay of the actuator, and the mean wait for it.
+    delay = (spec.delay if conditions.delay is None else conditions.delay) + WAIT * period
+    whole = math.floor(delay / period + 1e-9)
+    stiffness = max(axle.stiffness for axle in model.slip.axles)
+    return SlipNumbers(
+        period=period,
+        steps=math.ceil(period / STEP - 1e-9),
+        whole=whole,
+        part=max(delay - whole * period, 0.0),
+        scale=float(model.scale),
+        start=model.start,
+        is_speed=model.output is not None,
+        outer=model.outer is not None,
+        mass=model.slip.mass * conditions.mass,
+        radius=model.slip.radius,
+        gravity=GRAVITY * math.sin(conditions.grade),
+        frequency=model.slip.frequency,
+        damping=model.slip.damping,
+        low=model.slip.low,
+        # Just below the peak of the force, as in mirdrake.tyres.relaxation.
+        limit=1.5 * road / stiffness,
+        slip=slip,
+        pid=pid.numbers(),
+        limits=limits,
+        outer_pid=PidGains(outer.kp, outer.ki).numbers(),
+        outer_limits=PidLimits(-outer.limit, outer.limit),
+    )

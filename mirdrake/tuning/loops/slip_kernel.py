@@ -1,0 +1,192 @@
+"""Compiled loop over the control periods of a test on the slip model: vehicle and driven wheels as separate inertias.
+
+With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v and a tyre of the load N::
+
+    J ω' = T - h F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
+
+Deflection u, relaxation length σ, slip stiffness C and damping k are those of :mod:`mirdrake.tyres.relaxation`. The
+load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'. A step is linearly implicit,
+with the secant stiffness F / κ, so that it is stable on the stiffest tyre.
+"""
+
+from math import cos, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from mirdrake.core.compiled import Records
+from mirdrake.core.pid import PidLimits, PidNumbers, PidState, pid_step
+from mirdrake.tuning.models import Floats
+
+_START = PidState()
+_SMALL = 1e-9
+
+AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping")
+"""Columns of the table of driven axles of :func:`simulate_slip`."""
+
+
+class SlipNumbers(NamedTuple):
+    """Numbers of a test on the slip model.
+
+    Attributes:
+        period: of the controller [s].
+        steps: of the model per period [1].
+        whole: whole periods of dead time [1].
+        part: rest of the dead time [s].
+        scale: measurement per output [1].
+        start: output before the step [y].
+        is_speed: whether the output is the speed of the vehicle; if not, the spin rate of the wheels.
+        outer: whether an outer loop corrects the set-point.
+        mass: of the vehicle and of the wheels that are not driven [kg].
+        radius: rolling radius [m].
+        gravity: gravity along the road [m/s²].
+        frequency: natural frequency of pitch [rad/s].
+        damping: damping ratio of pitch [1].
+        low: speed below which the deflection of a tyre is limited [m/s].
+        limit: of the slip of a deflection at standstill [1].
+        slip: slip velocity at the start [m/s].
+        pid: gains of the loop of a wheel.
+        limits: of its control.
+        outer_pid: gains of the outer loop.
+        outer_limits: of its correction.
+    """
+
+    period: float
+    steps: int
+    whole: int
+    part: float
+    scale: float
+    start: float
+    is_speed: bool
+    outer: bool
+    mass: float
+    radius: float
+    gravity: float
+    frequency: float
+    damping: float
+    low: float
+    limit: float
+    slip: float
+    pid: PidNumbers
+    limits: PidLimits
+    outer_pid: PidNumbers
+    outer_limits: PidLimits
+
+
+def force_over_load(curve: Floats, slip: float) -> float:
+    """Return the longitudinal force of a tyre over its load [1].
+
+    Args:
+        curve: force over load at the slips (k / (n - 1))², shape (n).
+        slip: slip; beyond 1 the force is that of 1 [1].
+    """
+    last = len(curve) - 1
+    place = sqrt(abs(slip)) * last
+    k = int(min(place, last - 1.0))
+    share = min(place - k, 1.0)
+    force = float(curve[k] + share * (curve[k + 1] - curve[k]))
+    return force if slip >= 0.0 else -force
+
+
+def simulate_slip(
+    numbers: Records,
+    axles: Floats,
+    curves: Floats,
+    wanted: Floats,
+    feedforward: Floats,
+    loads: Floats,
+    resistances: Floats,
+    noise: Floats,
+    outputs: Floats,
+    efforts: Floats,
+    slips: Floats,
+) -> None:
+    """Simulate a test.
+
+    Args:
+        numbers: one record of :class:`SlipNumbers`.
+        axles: a row per driven axle with the columns :data:`AXLE`, shape (a, 7); stiffness and damping over the load.
+        curves: see :func:`force_over_load`, shape (a, n).
+        wanted: set-point of each period, less the start, times scale, shape (k).
+        feedforward: control that is added, shape (k) [u].
+        loads: part of the effort without dead time, shape (k) [u].
+        resistances: forces on the vehicle, negative against it, as effort, shape (k) [u].
+        noise: of the measurement, shape (k).
+        outputs: overwritten, shape (k) [y].
+        efforts: overwritten with the control of the first axle, shape (k) [u].
+        slips: overwritten with the slip velocity of the wheels of each axle, shape (a, k) [m/s].
+    """
+    n, count = numbers[0], len(axles)
+    step = n.period / n.steps
+    speed = n.start * (1.0 if n.is_speed else n.radius)
+    slip = np.full(count, n.slip * 1.0)
+    along, rate, load = np.zeros(count), np.zeros(count), np.zeros(count)
+    wheels = 0.0
+    for i in range(count):
+        wheels += axles[i, 0]
+        load[i] = axles[i, 2] + axles[i, 3] * n.gravity
+    controls = np.zeros((count, n.whole + 2))  # the oldest first
+    memory = np.zeros((count, len(_START)))
+    trim_loop = _START
+    for k in range(len(wanted)):
+        # The output is that of the vehicle, or the mean spin rate of the driven wheels.
+        spin = 0.0
+        for i in range(count):
+            spin += axles[i, 0] / wheels * (speed + slip[i]) / n.radius
+            slips[i, k] = slip[i]
+        outputs[k] = speed if n.is_speed else spin
+        target = wanted[k] + n.start * n.scale
+        if n.outer:
+            trim_loop, trim = pid_step(
+                trim_loop, target / n.scale, outputs[k], n.outer_pid, n.period, n.outer_limits, 0.0
+            )
+            target += trim * n.scale
+
+        # Each wheel has its own controller.
+        for i in range(count):
+            m = memory[i]
+            state = PidState(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8])
+            measured = (speed + slip[i]) / n.radius + noise[k]
+            state, control = pid_step(state, target, measured, n.pid, n.period, n.limits, feedforward[k])
+            m[0], m[1], m[2], m[3], m[4] = state.control, state.integral, state.filtered, state.kp, state.kd
+            m[5], m[6], m[7] = state.filter_time, state.proportional_weight, state.derivative_weight
+            m[8] = state.started
+            for j in range(n.whole + 1):
+                controls[i, j] = controls[i, j + 1]
+            controls[i, n.whole + 1] = control
+        efforts[k] = controls[0, n.whole + 1]
+
+        for part in range(n.steps):
+            # The older control acts for the rest of the dead time that is not a whole period.
+            old = (part + 0.5) * step < n.part
+            push = resistances[k] * wheels / n.radius  # forces on the vehicle [N]
+            sliding = 0.5 * (1.0 + cos(pi * speed / n.low)) if abs(speed) < n.low else 0.0
+            for i in range(count):
+                share, inertia, stiffness, length = axles[i, 0], axles[i, 1], axles[i, 4], axles[i, 5]
+                torque = (controls[i, 0] if old else controls[i, 1]) + loads[k]
+                pressed = max(load[i], 0.0)
+                # Secant stiffness of the tyre at the slip of the beginning of the step.
+                fade = 1.0 + step * abs(speed) / length
+                damped = axles[i, 6] / stiffness
+                kappa = along[i] / length + damped * slip[i]
+                secant = pressed * stiffness
+                if abs(kappa) > _SMALL:
+                    secant = pressed * force_over_load(curves[i], kappa) / kappa
+                held, gain = along[i] / (length * fade), step / (length * fade) + damped
+                mobility = n.radius * n.radius / inertia + share / n.mass
+                free = slip[i] + step * (n.radius * torque / inertia - resistances[k] * wheels / n.radius / n.mass)
+                slip[i] = (free - step * mobility * secant * held) / (1.0 + step * mobility * secant * gain)
+                push += share * secant * (held + gain * slip[i])
+                # A wheel that spins at standstill must not deflect its tyre without limit.
+                most = length * (sliding * n.limit + (1.0 - sliding) * max(n.limit, 1.0))
+                along[i] = min(max((along[i] + step * slip[i]) / fade, -most), most)
+            acceleration = push / n.mass
+            speed += step * acceleration
+            for i in range(count):
+                wished = axles[i, 2] + axles[i, 3] * (acceleration + n.gravity)
+                rate[i] += step * (n.frequency**2 * (wished - load[i]) - 2.0 * n.damping * n.frequency * rate[i])
+                load[i] += step * rate[i]
+
+
+SLIP_PARTS = (pid_step, force_over_load)
+"""Functions that :func:`simulate_slip` calls."""
