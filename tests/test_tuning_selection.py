@@ -152,6 +152,9 @@ class _Stages:
     def first_failure(self, gains: dict[str, float], scenarios: Any) -> None:
         return None
 
+    def test_slip(self, design: Design) -> None:
+        return None
+
     def test_on_own_slopes(self, design: Design) -> Evaluation:
         return Evaluation("unstable", reason="slips") if design.gains["kp"] > self.steep else Evaluation("ok")
 

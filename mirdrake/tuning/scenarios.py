@@ -73,7 +73,7 @@ class InSlip:
             if reason := fault_on_own_slopes(self.slopes, gains):
                 return Evaluation("unstable", reason=f"own slopes of the vehicle: {reason}")
             for scenario in self.scenarios:
-                result = run_slip(self.loop, gains, scenario, friction=1.0 - RESERVE, keep=False)
+                result = run_slip(self.loop, gains, scenario, keep=False)
                 if result.status != "ok":
                     return Evaluation("unstable", reason=f"{describe(scenario)}: {result.reason}")
         return self.evaluate(gains, conditions, fidelity)

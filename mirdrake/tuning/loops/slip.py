@@ -32,10 +32,10 @@ from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_
 from mirdrake.tuning.models import Floats, TransferFunction
 
 RESERVE = 0.03
-"""Reserve of friction in tests on the slip model [1]. Gains with less let the wheels of the plant oscillate, too."""
+"""Reserve of friction on own slopes on the slip model [1]. Gains with less let the wheels of the plant oscillate, too."""
 
 STEP = 1e-3
-"""Longest step of the model [s]; it is linearly implicit."""
+"""Longest step of the model [s]; it is implicit."""
 
 NODES = 101
 """Slips at which the force of a tyre is stored."""
@@ -67,7 +67,7 @@ def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> Sli
                 inertia=wheel.inertia,
                 load=wheel.static_load,
                 # Half of the load of an axle that moves to the other one, or from it.
-                transfer=(1.0 if first else -1.0) * 0.5 * total * axles.height / base,
+                transfer=float((1.0 if first else -1.0) * 0.5 * total * axles.height / base),
                 stiffness=tyre.contact.stiffness_x / wheel.static_load,
                 length=tyre.contact.length_x,
                 damping=wheel.settings.lasting_damping / wheel.static_load,
@@ -81,7 +81,7 @@ def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> Sli
         frequency = math.sqrt(poles[2])
         damping = 0.5 * poles[1] / frequency
     return SlipModel(
-        total + others / bench.radius**2, bench.radius, friction, tuple(driven), frequency, damping,
+        total + float(others / bench.radius**2), float(bench.radius), friction, tuple(driven), frequency, damping,
         wheels[bench.driven[0]].settings.low,
     )  # fmt: skip
 

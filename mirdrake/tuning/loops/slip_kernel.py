@@ -5,8 +5,8 @@ With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v an
     J ω' = T - h F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
 
 Deflection u, relaxation length σ, slip stiffness C and damping k are those of :mod:`mirdrake.tyres.relaxation`. The
-load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'. A step is linearly implicit,
-with the secant stiffness F / κ, so that it is stable on the stiffest tyre.
+load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'. A step is implicit, by
+the secant stiffness F / κ, so that it is stable on the stiffest tyre.
 """
 
 from math import cos, pi, sqrt
@@ -20,6 +20,9 @@ from mirdrake.tuning.models import Floats
 
 _START = PidState()
 _SMALL = 1e-9
+
+ITERATIONS = 3
+"""Iterations of the force of a tyre in a step."""
 
 AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping")
 """Columns of the table of driven axles of :func:`simulate_slip`."""
@@ -165,18 +168,22 @@ def simulate_slip(
                 share, inertia, stiffness, length = axles[i, 0], axles[i, 1], axles[i, 4], axles[i, 5]
                 torque = (controls[i, 0] if old else controls[i, 1]) + loads[k]
                 pressed = max(load[i], 0.0)
-                # Secant stiffness of the tyre at the slip of the beginning of the step.
                 fade = 1.0 + step * abs(speed) / length
                 damped = axles[i, 6] / stiffness
-                kappa = along[i] / length + damped * slip[i]
-                secant = pressed * stiffness
-                if abs(kappa) > _SMALL:
-                    secant = pressed * force_over_load(curves[i], kappa) / kappa
                 held, gain = along[i] / (length * fade), step / (length * fade) + damped
                 mobility = n.radius * n.radius / inertia + share / n.mass
                 free = slip[i] + step * (n.radius * torque / inertia - resistances[k] * wheels / n.radius / n.mass)
-                slip[i] = (free - step * mobility * secant * held) / (1.0 + step * mobility * secant * gain)
-                push += share * secant * (held + gain * slip[i])
+                # Secant stiffness of the tyre, first at the slip of the beginning, then at that of the end of the step.
+                kappa, following = along[i] / length + damped * slip[i], slip[i]
+                secant = 0.0
+                for _ in range(ITERATIONS):
+                    secant = pressed * stiffness
+                    if abs(kappa) > _SMALL:
+                        secant = pressed * force_over_load(curves[i], kappa) / kappa
+                    following = (free - step * mobility * secant * held) / (1.0 + step * mobility * secant * gain)
+                    kappa = held + gain * following
+                slip[i] = following
+                push += share * secant * kappa
                 # A wheel that spins at standstill must not deflect its tyre without limit.
                 most = length * (sliding * n.limit + (1.0 - sliding) * max(n.limit, 1.0))
                 along[i] = min(max((along[i] + step * slip[i]) / fade, -most), most)

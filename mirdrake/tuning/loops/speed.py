@@ -43,7 +43,7 @@ SLOPE = 0.6
 SETTLING = 2.15
 """Time after the ramp of the set-point in which the speed settles [s]; with it the test of a car takes 10 s."""
 
-GRIP = 0.85
+GRIP = 0.9
 """Largest share of the grip that the vehicle's own slopes may need in the test [1]; no gains follow steeper ones."""
 
 SLOWEST_SPEED = 0.1

@@ -1,0 +1,167 @@
+"""Slip model of speed loops: closed forms of a sliding wheel, grip, and the plant."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirdrake.tuning.grip import axles_of
+from mirdrake.tuning.loops.base import Course, DrivenAxle, Evaluation, Gain, LoopModel, LoopSpec, SlipModel
+from mirdrake.tuning.loops.bench import WAIT
+from mirdrake.tuning.loops.evaluate import plant_bench
+from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
+from mirdrake.tuning.loops.slip import RESERVE, make_slip_model, run_slip
+from mirdrake.tuning.loops.speed import GRIP, WheelSpeedLoop
+from mirdrake.tuning.models import Integrator
+from mirdrake.tuning.scenarios import InSlip, fault_on_own_slopes
+from mirdrake.tuning.spec import load_tuning
+
+ROOT = Path(__file__).parents[1]
+RADIUS, INERTIA, LOAD, FRICTION = 0.3, 1.2, 4000.0, 0.8
+GRIP_TORQUE = FRICTION * LOAD * RADIUS
+SPEED = 10.0
+
+
+def sliding_wheel(*, period: float, delay: float, limit: float | None, load: float, duration: float) -> LoopSpec:
+    """Return the loop of a wheel on a vehicle of infinite mass, with Coulomb friction that reverses with the slip."""
+    axle = DrivenAxle(
+        2, INERTIA, load, 0.0, stiffness=1e4, length=1e-4, damping=1e4, curve=(0.0, *[FRICTION] * 100)
+    )
+    slip = SlipModel(1e12, RADIUS, FRICTION, (axle,), 20.0, 0.5, 0.1)
+    model = LoopModel(
+        {"main": Integrator(1.0, 0.0).transfer_function()},
+        output=Integrator(1.0, 0.0).transfer_function(),
+        scale=1.0 / RADIUS,
+        start=SPEED,
+        rise=1e-12,  # the set-point is constant
+        limit=limit,
+        slip=slip,
+    )
+    return LoopSpec(
+        kind="speed",
+        diagram={"plant": {"time_step": period}},
+        vehicle="ego",
+        gains={name: Gain(path=f"wheel_speed.{name}") for name in ("kp", "ki", "kd")},
+        reference="",
+        output="",
+        effort="",
+        output_unit="m/s",
+        effort_unit="N m",
+        course=Course(1.0, 0.5, 0.0, duration, duration, SPEED),
+        period=period,
+        filter_time=0.0,
+        delay=delay - WAIT * period,
+        model=model,
+    )
+
+
+def slip_of(spec: LoopSpec, kp: float, slip: float) -> np.ndarray:
+    """Return the slip velocity of the wheel, from the efforts and outputs of a run that starts in a slide [m/s]."""
+    assert spec.model is not None
+    # The output of a wheel-speed loop is the spin rate.
+    wheel = replace(spec, model=replace(spec.model, output=None, scale=1.0, start=SPEED / RADIUS))
+    response = run_slip(wheel, {"kp": kp, "ki": 0.0, "kd": 0.0}, slip=slip).response
+    assert response is not None
+    return np.asarray(response["output"]) * RADIUS - SPEED
+
+
+@pytest.mark.parametrize("torque", [1.3, 2.0, 4.0])
+def test_a_sliding_wheel_at_its_limits_oscillates_as_in_the_closed_form(torque: float) -> None:
+    """The torque reverses a dead time after the slip: amplitude (T - F h) τ h / J, period 4 τ T / (T + F h)."""
+    period, delay, limit = 2.5e-4, 0.06, torque * GRIP_TORQUE
+    spec = sliding_wheel(period=period, delay=delay, limit=limit, load=LOAD, duration=4.0)
+    slip = slip_of(spec, 1e6, 30.0)[8000:]
+    amplitude = (limit - GRIP_TORQUE) * delay * RADIUS / INERTIA
+    # Sampling adds up to a period to the dead time.
+    assert np.max(slip) == pytest.approx(amplitude, rel=0.03)
+    assert np.min(slip) == pytest.approx(-amplitude, rel=0.03)
+    crossings = np.flatnonzero((slip[:-1] < 0.0) & (slip[1:] >= 0.0))
+    lasts = float(np.mean(np.diff(crossings))) * period
+    assert lasts == pytest.approx(4.0 * delay * limit / (limit + GRIP_TORQUE), rel=0.03)
+
+
+def test_a_wheel_whose_torque_is_below_its_friction_returns_to_rolling_with_any_gain() -> None:
+    for kp in (10.0, 100.0, 1e4, 1e6):
+        spec = sliding_wheel(period=1e-3, delay=0.06, limit=0.9 * GRIP_TORQUE, load=LOAD, duration=3.0)
+        assert np.abs(slip_of(spec, kp, 30.0)[2500:]).max() < 0.05
+
+
+@pytest.mark.parametrize("whole", [0, 1, 3])
+def test_a_free_wheel_is_stable_up_to_the_gain_of_the_sampled_loop(whole: int) -> None:
+    """Of z^(n+1) - z^n + K all roots are inside the circle for K < 2 cos(n π / (2 n + 1)), S. A. Kuruklis,
+    J. Math. Anal. Appl. 188 (1994) 719; K = kp T / J, dead time n T."""
+    period = 0.02
+    spec = sliding_wheel(period=period, delay=whole * period, limit=None, load=0.0, duration=20.0)
+    largest = 2.0 * math.cos(whole * math.pi / (2 * whole + 1)) * INERTIA / period
+    if whole == 0:
+        spec = replace(spec, delay=-WAIT * period)
+    decays, grows = slip_of(spec, 0.97 * largest, 1.0), slip_of(spec, 1.03 * largest, 1.0)
+    assert np.abs(decays[-100:]).max() < 0.1
+    assert np.abs(grows[-100:]).max() > 3.0
+
+
+@pytest.fixture(scope="module")
+def bolt() -> LoopSpec:
+    """Return the speed loop of the Bolt with its slip model; the mass stands for the identified model."""
+    loop = make_loop_spec(load_tuning(ROOT / "studies/bolt_speed.yaml"))
+    bench, kind = plant_bench(loop), LOOP_KINDS[loop.kind]
+    assert isinstance(kind, WheelSpeedLoop)
+    plant = Integrator(0.0132, 0.0574).transfer_function()
+    model = kind.model(bench, plant, 25.9)
+    one = Integrator(1.0, 0.0).transfer_function()
+    return replace(loop, model=replace(model, output=one, slip=make_slip_model(bench, None)))
+
+
+def test_the_largest_slopes_are_those_of_the_traction_limits(bolt: LoopSpec) -> None:
+    axles, model = axles_of(plant_bench(bolt)), bolt.model
+    assert model is not None
+    assert model.slip is not None
+    # The rotating mass of the other wheels is that of two wheels of 1 kg m².
+    rotating = model.slip.mass / 1616.0
+    assert model.slip.largest() == pytest.approx(axles.largest(0.9, 0.0), rel=rotating - 0.99)
+    assert model.slip.largest(backward=True) == pytest.approx(axles.largest(0.9, 0.0, backward=True), rel=0.03)
+
+
+def test_own_slopes_beyond_the_grip_are_limited_to_what_any_gains_can_follow(bolt: LoopSpec) -> None:
+    kind = LOOP_KINDS[bolt.kind]
+    assert bolt.model is not None
+    assert bolt.model.slip is not None
+    own = kind.at_own_slopes(bolt)
+    assert own is not None
+    assert own.model is not None
+    assert (own.model.rise, own.model.fall) == (3.0, 5.0)
+    slippery = replace(bolt, model=replace(bolt.model, slip=replace(bolt.model.slip, friction=0.3)))
+    limited = kind.at_own_slopes(slippery)
+    assert limited is not None
+    assert limited.model is not None
+    assert limited.model.rise == pytest.approx(GRIP * slippery.model.slip.largest())  # type: ignore[union-attr]
+    assert limited.diagram["vehicles"]["ego"]["control"]["speed"]["max_acceleration"] == limited.model.rise
+
+
+def test_gains_that_spin_the_wheels_of_the_plant_do_so_on_the_slip_model(bolt: LoopSpec) -> None:
+    """Results of the plant: test_tuning_selection, and 266, 13 is unstable, 200, 100 and 140, 33 are stable."""
+    own = LOOP_KINDS[bolt.kind].at_own_slopes(bolt)
+    assert own is not None
+    for kp, ki in ((400.0, 300.0), (281.0, 521.0), (266.0, 13.0)):
+        assert "oscillates" in fault_on_own_slopes(own, {"kp": kp, "ki": ki, "kd": 0.0})
+    for kp, ki in ((140.0, 33.0), (160.0, 80.0)):
+        assert fault_on_own_slopes(own, {"kp": kp, "ki": ki, "kd": 0.0}) == ""
+    assert 0.0 < RESERVE < 0.1
+
+
+def test_gains_that_keep_slipping_are_unstable_without_a_test_on_the_plant(bolt: LoopSpec) -> None:
+    calls: list[object] = []
+
+    def evaluate(gains: object, conditions: object = None, fidelity: object = "plant") -> Evaluation:
+        calls.append(gains)
+        return Evaluation("ok", {"iae": 1.0})
+
+    own = LOOP_KINDS[bolt.kind].at_own_slopes(bolt)
+    assert own is not None
+    tries = InSlip(evaluate, own, bolt)
+    assert tries({"kp": 400.0, "ki": 300.0, "kd": 0.0}).reason.startswith("own slopes of the vehicle: the slip of")
+    assert not calls
+    assert tries({"kp": 140.0, "ki": 33.0, "kd": 0.0}).status == "ok"
+    assert len(calls) == 1
