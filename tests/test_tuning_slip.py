@@ -26,9 +26,7 @@ SPEED = 10.0
 
 def sliding_wheel(*, period: float, delay: float, limit: float | None, load: float, duration: float) -> LoopSpec:
     """Return the loop of a wheel on a vehicle of infinite mass, with Coulomb friction that reverses with the slip."""
-    axle = DrivenAxle(
-        2, INERTIA, load, 0.0, stiffness=1e4, length=1e-4, damping=1e4, curve=(0.0, *[FRICTION] * 100)
-    )
+    axle = DrivenAxle(2, INERTIA, load, 0.0, stiffness=1e4, length=1e-4, damping=1e4, curve=(0.0, *[FRICTION] * 100))
     slip = SlipModel(1e12, RADIUS, FRICTION, (axle,), 20.0, 0.5, 0.1)
     model = LoopModel(
         {"main": Integrator(1.0, 0.0).transfer_function()},

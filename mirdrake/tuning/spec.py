@@ -81,7 +81,13 @@ class SearchSpec(Schema):
     method: Literal["tpe", "cma", "nsga2", "grid", "sobol", "latin_hypercube"] = Field(
         "tpe", description="sampler on the reduced model [-]"
     )
-    trials: int = Field(100, ge=1, le=1_000_000, description="candidates tested on the reduced model [-]")
+    trials: int | None = Field(
+        None,
+        ge=1,
+        le=1_000_000,
+        description="candidates tested in the first search [-]; by default 300 on the reduced model, or 100 on the "
+        "plant if the loop has none",
+    )
     confirm: int = Field(12, ge=1, le=1000, description="candidates tested on the plant, near the best of them [-]")
     ranges: dict[str, RangeSpec] = Field(
         default_factory=dict, description="range of each gain; by default around those of the rules [-]"

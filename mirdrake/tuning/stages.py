@@ -6,6 +6,7 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,11 @@ from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.loops.slip import run_slip
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
 from mirdrake.tuning.scenarios import InScenarios, InSlip, Ranges, drawn_ranges, fault_on_own_slopes, hardest
-from mirdrake.tuning.screening import COST, SAMPLE, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
+from mirdrake.tuning.screening import COST, SAMPLE, WORST, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
 from mirdrake.tuning.space import map_space
@@ -35,6 +37,9 @@ MAP = 13
 
 BATCH = 4
 """Runs of the Monte Carlo after which a candidate is rejected if one of them has failed."""
+
+TRIALS: Mapping[Fidelity, int] = {"reduced": 300, "plant": 100}
+"""Default number of trials of the first search."""
 
 RESERVE = 1.5
 """Required delay margin, relative to the largest increase of the delay in the Monte Carlo."""
@@ -218,7 +223,8 @@ class Stages:
         """
         spec, reduced = self.spec, fidelity == "reduced"
         # The number of trials for the cheap model, or for the plant where it is the first stage; fewer for the others.
-        count = spec.search.trials if reduced or stage == "search" else spec.search.confirm
+        trials = spec.search.trials or TRIALS[fidelity]
+        count = trials if reduced or stage == "search" else spec.search.confirm
         # The method of the study is for the first search; on the plant trials are few and start from known gains.
         method = spec.search.method if reduced else "tpe"
         constraints = self.model_constraints
@@ -340,7 +346,7 @@ class Stages:
         hard, count = {self.draws.index(draw) for draw in self.hardest}, total
         if self.first_fidelity == "reduced":
             model = self._runs("reduced", gains).table
-            hard, count = choose_runs(model, self.draws, self.spec.cost, grip=self._grip), min(SAMPLE, total)
+            hard, count = self._hard_runs(model, candidate.design.gains), min(SAMPLE, total)
         order = [*sorted(hard), *(run for run in range(count) if run not in hard)]
         for end in range(BATCH, len(order) + BATCH, BATCH):
             table = self._runs("plant", gains, {name: order[:end]}).table
@@ -383,7 +389,7 @@ class Stages:
             # Present controllers that are not PID have no model, and no runs that are known to be hard.
             models = {name: self._runs("reduced", {name: entry}).table for name, entry in gains.items() if entry}
             sampled = dict.fromkeys(gains, min(SAMPLE, total))
-        hard = {name: choose_runs(rows, self.draws, self.spec.cost, grip=self._grip) for name, rows in models.items()}
+        hard = {name: self._hard_runs(rows, gains[name]) for name, rows in models.items()}
         while True:
             selected = {name: sorted({*range(count), *hard.get(name, ())}) for name, count in sampled.items()}
             plant = self._runs("plant", gains, selected)
@@ -405,6 +411,21 @@ class Stages:
         correlation = {name: check.correlation for name, check in checks.items() if len(selected[name]) < total}
         sampled |= dict.fromkeys(models, total)
         return replace(plant, table=table[plant.table.columns], sampled=sampled, correlation=correlation)
+
+    def _hard_runs(self, model: pd.DataFrame, gains: Mapping[str, float]) -> set[int]:
+        """Return the runs of the Monte Carlo that are most likely to fail, also those in which the slip model does.
+
+        Args:
+            model: runs of the reduced model.
+            gains: of the candidate.
+        """
+        runs = choose_runs(model, self.draws, self.spec.cost, grip=self._grip)
+        if self._slips_on is None:
+            return runs
+        slipping = (
+            run for run, draw in enumerate(self.draws) if run_slip(self.loop, gains, draw, keep=False).status != "ok"
+        )
+        return runs | set(islice(slipping, WORST))
 
     def _runs(
         self,

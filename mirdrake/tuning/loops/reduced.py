@@ -10,7 +10,7 @@ import numpy as np
 from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains, PidLimits
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.block_response import loop_of
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.reduced_kernel import KERNEL_PARTS, RunNumbers, simulate_test

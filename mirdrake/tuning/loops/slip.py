@@ -14,7 +14,6 @@ tests are driven on this model: above all the vehicle's own slopes of the set-po
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_
 from mirdrake.tuning.models import Floats, TransferFunction
 
 RESERVE = 0.03
-"""Reserve of friction on own slopes on the slip model [1]. Gains with less let the wheels of the plant oscillate, too."""
+"""Reserve of friction on own slopes [1]. Gains with less let the wheels of the plant oscillate, too."""
 
 STEP = 1e-3
 """Longest step of the model [s]; it is implicit."""
@@ -153,10 +152,7 @@ def _curves(model: SlipModel, road: float) -> Floats:
     ratio = road / model.friction
     slips = np.linspace(0.0, 1.0, NODES) ** 2
     return np.array(
-        [
-            ratio * np.interp(np.sqrt(np.minimum(slips / ratio, 1.0)), np.sqrt(slips), axle.curve)
-            for axle in model.axles
-        ]
+        [ratio * np.interp(np.sqrt(np.minimum(slips / ratio, 1.0)), np.sqrt(slips), axle.curve) for axle in model.axles]
     )
 
 
