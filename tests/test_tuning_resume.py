@@ -68,7 +68,7 @@ def test_present_gains_start_a_search_and_do_not_widen_its_ranges(
 ) -> None:
     seen: dict[str, Any] = {}
 
-    def search(space: Any, fidelity: str, starts: list[dict[str, float]], stage: str) -> None:
+    def search(space: Any, fidelity: str, starts: list[dict[str, float]], stage: str, *, scenarios: Any) -> None:
         seen["starts"] = starts
         raise _SearchedError
 
@@ -83,7 +83,7 @@ def test_present_gains_start_a_search_and_do_not_widen_its_ranges(
     )  # fmt: skip
     tested = [SimpleNamespace(design=SimpleNamespace(gains=gains)) for gains in ({"kp": 1.0}, *rules)]
     designs: Any = SimpleNamespace(baseline=tested[0], tested=tested[1:])
-    choice: Any = SimpleNamespace(added=[], known=None)
+    choice: Any = SimpleNamespace(added=[], known=SimpleNamespace(hard=()))
     with pytest.raises(_SearchedError):
         _search(stages, designs, choice)
     assert seen["ranges"] == (rules or present)

@@ -351,7 +351,8 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
         known_gains, ranged = [*rules, *present], rules or present
     max_sensitivity = stages.constraints.get("ms", math.inf)
     space = search_space(stages.spec, stages.loop, ranged, max_sensitivity)
-    hard = choice.known.hard
+    # Draws that rules have failed: the slip model can test them in a search on the reduced model.
+    hard = choice.known.hard if stages.first_fidelity == "reduced" else ()
     coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search", scenarios=hard)
 
     # Second stage: on the plant, in the part of the space around the best trials of the first.
