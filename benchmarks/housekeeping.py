@@ -15,6 +15,7 @@ from pydrake.systems.analysis import Simulator
 from benchmarks.timing import resident_mb
 from benchmarks.w1 import make_spec
 from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.parts.taps import clear_logs
 from mirdrake.runs.simulation import Simulation
 
 WARM_UP = 5
@@ -79,8 +80,7 @@ def _drive_without_run(seconds: float) -> float:
     while now < WARM_UP + seconds:
         now += 1.0
         simulator.AdvanceTo(now)
-        for tap in assembly.taps.values():
-            tap.sink.FindMutableLog(context).Clear()
+        clear_logs(assembly.taps.values(), context)
         if now <= WARM_UP:
             gc.collect()
             before = resident_mb()

@@ -81,9 +81,9 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
     ):
         assembly.diagram.GetInputPort("ego.speed_reference").FixValue(context, [speed])
         simulator.AdvanceTo(switch_time)
-    tap = assembly.taps["plant_state"].sink.FindLog(context)
-    x, time = np.array(tap.data()), np.array(tap.sample_times())
-    status = np.array(assembly.taps["ego.powertrain_status"].sink.FindLog(context).data())
+    tap = assembly.taps["plant_state"]
+    x, time = np.array(tap.data(context)), np.array(tap.times(context))
+    status = np.array(assembly.taps["ego.powertrain_status"].data(context))
     positions = plant.num_positions()
     state = vehicle_state(
         x[part.base.floating_positions_start() :][:7],

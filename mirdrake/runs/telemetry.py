@@ -7,6 +7,7 @@ track, are computed here for a whole block of samples at once.
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
+from pydrake.systems.primitives import VectorLogSink
 
 from mirdrake.assembly.diagram import Assembly, Tap
 from mirdrake.core.vectors import STATE
@@ -51,17 +52,17 @@ class Telemetry:
             times [s] (n), and the columns by name, n samples each.
         """
         assembly = self._assembly
-        raw: dict[str, Array] = {}
+        logs: dict[VectorLogSink, Array] = {}
         times: Array = np.empty(0)
         # Copies, because Clear and the next step overwrite the buffers that Drake returns as views.
-        for name, tap in assembly.taps.items():
-            log = tap.sink.FindMutableLog(context)
-            taken, raw[name] = log.sample_times().copy(), log.data().copy()
+        for sink in {tap.sink for tap in assembly.taps.values()}:
+            log = sink.FindMutableLog(context)
+            taken, logs[sink] = log.sample_times().copy(), log.data().copy()
             log.Clear()
-            # All sinks publish at the same times; the shortest log has the samples that every log has.
-            times = taken if len(raw) == 1 or taken.size < times.size else times
-        if any(values.shape[1] > times.size for values in raw.values()):  # after an error in a block
-            raw = {name: values[:, : times.size] for name, values in raw.items()}
+            # All sinks publish at the same times; the shortest log has the samples that every log has, also after an
+            # error in a block.
+            times = taken if len(logs) == 1 or taken.size < times.size else times
+        raw = {name: logs[tap.sink][tap.rows, : times.size] for name, tap in assembly.taps.items()}
         columns: Columns = {}
         if "plant_state" not in raw:
             return times, columns

@@ -65,9 +65,12 @@ def add_outer_forces(wiring: Wiring, parts: PlantParts, tyres: Mapping[str, Tyre
             wiring.link(plant.get_state_output_port(), air.plant_state)
             wiring.sources[f"{name}.air_force"] = (air.air_force, signals_of(air.air_force))
             forces.append(air.generalized_force)
-    total = Adder(len(forces), plant.num_velocities())
     # The plant has one input for external forces, so that their sum is a system of its own.
-    wiring.add("generalized_forces", total)
-    for index, port in enumerate(forces):
-        wiring.link(port, total.get_input_port(index))
-    wiring.link(total.get_output_port(), plant.get_applied_generalized_force_input_port())
+    total = forces[0]
+    if len(forces) > 1:
+        adder = Adder(len(forces), plant.num_velocities())
+        wiring.add("generalized_forces", adder)
+        for index, port in enumerate(forces):
+            wiring.link(port, adder.get_input_port(index))
+        total = adder.get_output_port()
+    wiring.link(total, plant.get_applied_generalized_force_input_port())

@@ -1,12 +1,13 @@
 """Logs of the vectors of a diagram that a run records."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
+import numpy.typing as npt
 from pydrake.systems.framework import Context, DiscreteValues, OutputPort, PortDataType
-from pydrake.systems.primitives import VectorLogSink
+from pydrake.systems.primitives import Multiplexer, VectorLogSink
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.parts.sensors import how_recorded, sensors_of
@@ -19,6 +20,8 @@ from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.wheels import TyreSystem, WheelReadings
 from mirdrake.vehicles import Vehicle
 
+Array = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Tap:
@@ -26,15 +29,47 @@ class Tap:
 
     Attributes:
         name: what it is, for example "ego.status".
-        sink: the log in the diagram.
+        sink: the log in the diagram, which other taps may share.
+        rows: where its elements are in the log.
         contents: names and units of its elements, or None if the system does not state them.
         is_chosen: whether a pattern of record.signals chose it; its contents have full names.
     """
 
     name: str
     sink: VectorLogSink
+    rows: slice
     contents: tuple[Signal, ...] | None
     is_chosen: bool = False
+
+    def times(self, context: Context) -> Array:
+        """Return the times of the samples [s] (n), a view.
+
+        Args:
+            context: Context of the whole diagram, as in the next functions.
+        """
+        times: Array = self.sink.FindLog(context).sample_times()
+        return times
+
+    def data(self, context: Context) -> Array:
+        """Return the samples (elements, n), a view."""
+        data: Array = self.sink.FindLog(context).data()
+        return data[self.rows]
+
+    def value(self, context: Context) -> Array:
+        """Return the present value of the vector."""
+        value: Array = self.sink.get_input_port().Eval(self.sink.GetMyContextFromRoot(context))
+        return value[self.rows]
+
+
+def clear_logs(taps: Iterable[Tap], context: Context) -> None:
+    """Remove the samples of all taps.
+
+    Args:
+        taps: all taps of a diagram; some share a log.
+        context: Context of the diagram.
+    """
+    for sink in {tap.sink for tap in taps}:
+        sink.FindMutableLog(context).Clear()
 
 
 class HeldSignals(LeafSystem):  # type: ignore[misc, unused-ignore]
@@ -67,7 +102,7 @@ class HeldSignals(LeafSystem):  # type: ignore[misc, unused-ignore]
 def add_taps(
     wiring: Wiring, parts: PlantParts, readings: WheelReadings, tyres: Mapping[str, TyreSystem], spec: DiagramSpec
 ) -> dict[str, Tap]:
-    """Add log sinks for the recorded signals; they are C++ and take little time."""
+    """Add logs of the recorded signals."""
     # Vectors that every run records, as the columns of its table are computed from them.
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
@@ -103,12 +138,21 @@ def add_taps(
         vector = port.get_data_type() == PortDataType.kVectorValued
         if vector and full.startswith(tuple(inner)) and not (stamp and full.split(".")[0] in parts.vehicles):
             wanted[full] = (port, contents)
-    taps = {}
+    # One log for all: each system of a diagram takes time in every step, even if it has nothing to do.
+    sizes = {name: port.size() for name, (port, _) in wanted.items()}
+    joined = Multiplexer([size for size in sizes.values() if size])  # it has no inputs without elements
+    joined.set_name("log/joined")
+    wiring.builder.AddSystem(joined)
+    sink = wiring.builder.AddSystem(VectorLogSink(sum(sizes.values()), publish_period=1.0 / spec.record.rate))
+    sink.set_name("log/signals")
+    wiring.link(joined.get_output_port(), sink.get_input_port())
+    taps, first = {}, 0
+    inputs = iter(range(joined.num_input_ports()))
     for name, (port, contents) in wanted.items():
-        sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
-        sink.set_name(f"log/{name}")
-        wiring.link(port, sink.get_input_port())
-        taps[name] = Tap(name, sink, contents)
+        if sizes[name]:
+            wiring.link(port, joined.get_input_port(next(inputs)))
+        taps[name] = Tap(name, sink, slice(first, first + sizes[name]), contents)
+        first += sizes[name]
     taps |= _add_chosen_taps(wiring, spec, set(wanted), {name: part.vehicle for name, part in parts.vehicles.items()})
     return taps
 
@@ -162,7 +206,7 @@ def _add_chosen_taps(
         sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
         sink.set_name(f"log/{group}")
         wiring.link(port, sink.get_input_port())
-        taps[group] = Tap(group, sink, contents, is_chosen=True)
+        taps[group] = Tap(group, sink, slice(None), contents, is_chosen=True)
     return taps
 
 

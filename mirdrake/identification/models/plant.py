@@ -232,8 +232,8 @@ class PlantModel(SimulatedModel):
         except RuntimeError:
             return None
         # Samples while the car settles do not count.
-        log = assembly.taps["plant_state"].sink.FindLog(context)
-        times, x = np.array(log.sample_times()) - begin, np.array(log.data())
+        log = assembly.taps["plant_state"]
+        times, x = np.array(log.times(context)) - begin, np.array(log.data(context))
         # The speeds are set at the end of settling, so the sample at that time has the old ones.
         keep = times > -0.4 * self._step if begin == 0.0 else times > 0.4 * self._step
         seen = self._sensor_readings(p, x[:, keep])

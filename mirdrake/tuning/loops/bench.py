@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.assembly.parts.taps import clear_logs
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
@@ -115,8 +116,7 @@ class PlantBench:
         # Copied into the Context that the simulator holds; fixed inputs and logs are not part of the copy.
         context.SetTimeStateAndParametersFrom(self._initial)
         # Logs are not part of the state and have to be cleared.
-        for tap in self.assembly.taps.values():
-            tap.sink.FindMutableLog(context).Clear()
+        clear_logs(self.assembly.taps.values(), context)
         # Fixed input ports are not reset with the state: remove the forces of the last grade.
         self._set_grade(context, 0.0)
         self._apply(context, gains, conditions)
@@ -219,11 +219,11 @@ class PlantBench:
             return Evaluation("unstable", reason=reason)
         # Kept for the next test only after a run without errors.
         self._context = context
-        log = self.assembly.taps["plant_state"].sink.FindLog(context)
-        status = self.assembly.taps[f"{self.spec.vehicle}.status"].sink.FindLog(context).data()
-        output = np.array(self.kind.output_from(self, log.data()), dtype=float)
+        log = self.assembly.taps["plant_state"]
+        status = self.assembly.taps[f"{self.spec.vehicle}.status"].data(context)
+        output = np.array(self.kind.output_from(self, log.data(context)), dtype=float)
         result = judge(
-            np.array(log.sample_times(), dtype=float),
+            np.array(log.times(context), dtype=float),
             np.array(self.kind.reference_from(self, status), dtype=float),
             output,
             self.kind.effort_from(self, context),
@@ -231,7 +231,7 @@ class PlantBench:
             limits=self.limits,
             noise=conditions.noise,
             margins=margins,
-            others=self.kind.other_signals(self, log.data(), output),
+            others=self.kind.other_signals(self, log.data(context), output),
         )
         # judge() sees the end of the record; a bound that was exceeded within the run decides as well.
         if diverged and result.status == "ok":

@@ -463,7 +463,7 @@ class PedalSpeedLoop(SpeedLoop):
 
     def effort_from(self, bench: PlantBench, context: Context) -> Floats:
         """Return throttle minus brake."""
-        pedals = bench.assembly.taps["delay.y"].sink.FindLog(context).data()
+        pedals = bench.assembly.taps["delay.y"].data(context)
         return np.array(pedals[0] - pedals[1], dtype=float)
 
     def identify(self, bench: PlantBench) -> Identification:

@@ -232,8 +232,8 @@ class VehicleLoop(LoopKind):
 
     def effort_from(self, bench: PlantBench, context: Context) -> Floats:
         """Return the logged effort [u]."""
-        log = bench.assembly.taps[f"{bench.spec.vehicle}.joint_torques"].sink.FindLog(context)
-        return np.array(log.data()[bench.channels[0]], dtype=float)
+        log = bench.assembly.taps[f"{bench.spec.vehicle}.joint_torques"]
+        return np.array(log.data(context)[bench.channels[0]], dtype=float)
 
     def other_signals(self, bench: PlantBench, state: Floats, output: Floats) -> dict[str, Floats]:  # noqa: ARG002
         """Return further signals that must not oscillate [y], by what oscillates then."""

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, EventStatus
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec
-from mirdrake.assembly.parts.taps import Tap
+from mirdrake.assembly.parts.taps import Tap, clear_logs
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.runtime_gains import get_gain, set_gain
 from mirdrake.core.errors import ConfigError, RunError
@@ -225,8 +225,7 @@ class Cockpit:
             if self._log is not None:
                 self._log.read(context)
             else:
-                for tap in self.assembly.taps.values():
-                    tap.sink.FindMutableLog(context).Clear()
+                clear_logs(self.assembly.taps.values(), context)
 
     def _check_input(self, lost: bool, *, moving: bool) -> None:
         """Report that the input was lost while the vehicle moves, and that it is restored."""
@@ -400,7 +399,7 @@ class Cockpit:
 
     def _inner(self, tap: Tap) -> list[float]:
         """Return the present values of the elements of a tap."""
-        values: list[float] = tap.sink.get_input_port().Eval(tap.sink.GetMyContextFromRoot(self._context)).tolist()
+        values: list[float] = tap.value(self._context).tolist()
         return values
 
     @contextmanager
