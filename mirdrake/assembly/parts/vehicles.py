@@ -132,13 +132,14 @@ def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> Input
     """Return the input of the torques of the actuators; the tyres, which predict the spin, get them as well."""
     port = parts.plant.get_actuation_input_port(part.instance)
     tyres = wiring.systems[f"{part.name}.tyres"]
+    if not solves_joints(parts.plant):
+        wiring.link(tyres.GetOutputPort("net_actuation"), port)
+        actuation: InputPort = tyres.actuation
+        return actuation
     # The input of the plant and that of the tyres must get the same torques, also if the user replaces them.
     split = PassThrough(port.size())
     wiring.add(f"{part.name}.actuation", split)
-    if solves_joints(parts.plant):
-        wiring.link(split.get_output_port(), port)
-    else:
-        wiring.link(tyres.GetOutputPort("net_actuation"), port)
+    wiring.link(split.get_output_port(), port)
     wiring.link(split.get_output_port(), tyres.actuation)
     return split.get_input_port()
 
