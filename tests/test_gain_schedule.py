@@ -110,15 +110,15 @@ def test_scheduled_gains_are_not_tunable_parameters(scheduled: Path) -> None:
 def test_apply_writes_the_schedule_once_and_constant_gains_remove_it(tmp_path: Path, scheduled: Path) -> None:
     text = (scheduled / "control.yaml").read_text()
     assert (
-        "  schedule:\n    speeds: [1.0, 3.0, 4.0]\n    kp: [0.5, 1.2, 0.8]\n    ki: [0.0, 2.0, 2.0]\n"
-        "    kd: [0.0, 0.0, 0.0]\n" in text
+        "  schedule:\n    speeds: [1.0, 3.0, 4.0]  # m/s\n    kp: [0.5, 1.2, 0.8]  # N m s/rad\n"
+        "    ki: [0.0, 2.0, 2.0]  # N m/rad\n    kd: [0.0, 0.0, 0.0]  # N m s²/rad\n" in text
     )
     assert "cost 0.6046 (baseline 2.17), schedule over 3 speeds\n" in text
     assert text.count("# tuned ") == 1
     folder = result(tmp_path, scheduled, schedule={"rows": ROWS})
     assert not plan_apply(read_result(folder), today=date(2026, 4, 2)).changes
     fewer = plan_apply(read_result(result(tmp_path, scheduled, schedule={"rows": ROWS[:2]})), today=DAY)
-    assert "speeds: [1.0, 3.0]\n" in fewer.after
+    assert "speeds: [1.0, 3.0]  # m/s\n" in fewer.after
     plan = plan_apply(read_result(folder), candidate="searched", today=DAY)
     assert "schedule:" not in plan.after
     assert "kp: 3.54082" in plan.after

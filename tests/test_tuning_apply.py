@@ -63,7 +63,7 @@ def test_only_the_gains_change_and_a_comment_states_their_origin(tmp_path: Path,
     change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
     expected = before.replace("  kind: pid\n", f"  # {LINE}\n  kind: pid\n", 1)
     expected = expected.replace("  kp: 1.38  ", "  kp: 3.54082  ").replace(
-        "  ki: 1.38           # N m/rad\n", "  ki: 2.74938           # N m/rad\n  kd: 0.0\n"
+        "  ki: 1.38           # N m/rad\n", "  ki: 2.74938           # N m/rad\n  kd: 0.0  # N m s²/rad\n"
     )
     assert change.after == expected
     assert (vehicle / "control.yaml").read_text() == before  # not yet
@@ -107,7 +107,8 @@ def test_a_controller_of_another_kind_gets_the_gains_and_loses_unknown_keys(tmp_
     lines = change.after.splitlines()
     tail = lines[lines.index("steering:") :]
     assert tail == [
-        "steering:", f"  # {LINE}", "  kind: pid", "  filter: 0.02", "  kp: 3.54082", "  ki: 2.74938", "  kd: 0.0",
+        "steering:", f"  # {LINE}", "  kind: pid", "  filter: 0.02  # s", "  kp: 3.54082  # N m/rad",
+        "  ki: 2.74938  # N m/(rad s)", "  kd: 0.0  # N m s/rad",
     ]  # fmt: skip
     change.write()
     assert load_vehicle(str(vehicle)).control.steering.kind == "pid"

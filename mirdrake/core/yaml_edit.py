@@ -38,12 +38,14 @@ class Edit:
         value: text, number, true, false or None; a tuple of these, written as a list in brackets; or :data:`REMOVED`.
         comment: a line above the key, without ``#``.
         replaces: beginning of a comment line directly above that the new one replaces.
+        remark: a comment behind the value of a key that is added on a line of its own, without ``#``.
     """
 
     path: str | tuple[str, ...]
     value: Value | _Removed
     comment: str = ""
     replaces: str = ""
+    remark: str = ""
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -280,7 +282,8 @@ class _Editor:
             inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
             entry = f"{inner}{scalar_text(keys[-1])}: {written}{'}' * (len(keys) - 1)}"
             return with_cut(self.text, cut_in_mapping(self.text, node, entry))
-        lines = _block(keys, written, " " * node.column, self.newline)
+        remark = f"  # {self.edit.remark}" if self.edit.remark else ""
+        lines = _block(keys, written, " " * node.column, self.newline) + remark
         end = line_end(self.text, node.end)
         if not self.text[:end]:
             return f"{lines}{self.newline}{self.text}"

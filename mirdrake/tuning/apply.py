@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 
+from pydantic import BaseModel
+
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
 from mirdrake.core.yaml_io import display_path, parse_tree, parse_yaml, read_text, where
@@ -74,7 +76,7 @@ def plan_apply(
     notes = []
     if target.variant is not None and not target.in_variant:
         notes.append(f"tuned for the variant '{target.variant}'; control.yaml is used by all variants of the vehicle")
-    edits = _edits(values, target.dropped(values), comment, target.prefix)
+    edits = _edits(values, target.dropped(values), comment, target)
     return change_file(target.path, edits, check=target.check, notes=notes)
 
 
@@ -236,6 +238,21 @@ class _Target:
                 dropped += self._old_schedule(section, inside, values)
         return dropped
 
+    def unit(self, path: str, values: Values) -> str:
+        """Return the unit of a value, for the comment behind a new key; "" without one."""
+        section, *keys = path.split(".")
+        if path.endswith(".schedule.speeds"):
+            return "m/s"
+        keys = keys[1:] if keys[0] == "schedule" else keys
+        control = load_part(self.folder, "control", ControlSpec, self.change)
+        given = values.get(f"{section}.kind", getattr(getattr(control, section, None), "kind", None))
+        schema: type[BaseModel] | None = JOINT_CONTROLS.get(section, {}).get(str(given))
+        if schema is None or keys[0] not in schema.model_fields:
+            return ""
+        # The units of the gains of a PID controller depend on its joint.
+        stated = re.match(r"\[([^\]]+)\]", schema.model_fields[keys[0]].description or "")
+        return str(getattr(schema, "gains", {}).get(keys[0], stated[1] if stated else ""))
+
     def _old_schedule(self, section: str, inside: Mapping[str, object], values: Values) -> list[str]:
         """Return the keys of a schedule that do not belong to the new gains: all of it, or single gains."""
         new = [path for path in values if path.startswith(f"{section}.schedule.")]
@@ -268,7 +285,8 @@ class _Target:
             parse_yaml(text, ControlSpec, name=name)
 
 
-def _edits(values: Values, dropped: list[str], comment: str, prefix: tuple[str, ...]) -> list[Edit]:
+def _edits(values: Values, dropped: list[str], comment: str, target: _Target) -> list[Edit]:
+    prefix = target.prefix
     # One provenance line per section, which replaces that of an earlier study.
     edits: list[Edit] = []
     sections: set[str] = set()
@@ -276,7 +294,7 @@ def _edits(values: Values, dropped: list[str], comment: str, prefix: tuple[str, 
         section = path.partition(".")[0]
         above = {} if section in sections else {"comment": comment, "replaces": _PROVENANCE}
         sections.add(section)
-        edits.append(Edit((*prefix, *path.split(".")), value, **above))
+        edits.append(Edit((*prefix, *path.split(".")), value, remark=target.unit(path, values), **above))
     return [*edits, *(Edit((*prefix, *path.split(".")), REMOVED) for path in dropped)]
 
 
