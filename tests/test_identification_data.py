@@ -330,7 +330,7 @@ def test_stamps_gaps_missing_values_and_clipping_are_counted():
         )
     )
     assert [finding.value for finding in report.of("timestamps")][:2] == [1.0, 1.0]
-    assert "45 samples are missing" in report.of("gaps")[0].text  # the two rows left out are among them
+    assert "45 samples missing" in report.of("gaps")[0].text  # the two rows left out are among them
     assert report.of("missing", "lateral_acceleration")[0].value == 7
     assert {finding.value for finding in report.of("saturation")} == {-2.5, 2.5}
     assert len(report.data.logs[0].time) == keep.sum() - 2

@@ -11,6 +11,7 @@ import mirdrake as mir
 from mirdrake.identification import Log
 from mirdrake.identification.channels import channel
 from mirdrake.identification.column_names import channels_of_run
+from mirdrake.identification.plausibility import check_relations
 from mirdrake.identification.samples import check_glitches, find_glitches
 from mirdrake.vehicles.scaffold import new_vehicle
 from tests.marks import mostly_slow
@@ -98,3 +99,17 @@ def test_only_what_is_added_to_a_process_is_a_glitch_and_no_kick_of_it(frequency
     glitches = kicks[:-1] + 100
     values[glitches] += 60.0 * np.std(values[190:])
     assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == glitches.tolist()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("scale", "severity"), [(1.0, "info"), (2.0, "warning")])
+def test_noise_of_a_second_gyro_is_not_taken_for_its_scale(scale, severity, seed):
+    """A pitch rate at rest but for vibrations: noise of 0.8 of its size makes the gain 1.3; a factor of 2 is one."""
+    random = np.random.default_rng(seed)
+    time = 0.02 * np.arange(4000)
+    rate = np.convolve(random.normal(0.0, 1.0, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3
+    second = scale * (rate + np.convolve(random.normal(0.0, 0.8, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3)
+    log = Log("drive", "train", time, {"pitch_rate": rate, "pitch_rate@imu": second})
+    (finding,) = [item for item in check_relations(log) if item.check == "kinematics"]
+    assert finding.value == pytest.approx(1.28 * scale, rel=0.15)
+    assert finding.severity == severity
