@@ -97,8 +97,8 @@ def check_relations(log: Log) -> list[Finding]:
     """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
     findings, gains = check_speed(log), estimate_gains(log)
     for gain in gains:
-        # 10 %: gravity in a pitching car alone changes the gain of its longitudinal relation by as much. Noise of a small
-        # motion changes it by more: a gain of 1 between the bounds is not excluded.
+        # 10 %: gravity in a pitching car alone changes the gain of its longitudinal relation by as much. Noise beside a
+        # small motion changes it by more: a gain of 1 between the bounds is not excluded.
         low, high = gain.bounds
         off = abs(gain.gain - 1.0) > 0.1 and not (gain.gain > 0.0 and low < 1.0 < high)
         first, others = gain.relation.measured, ", ".join(gain.relation.others)
