@@ -363,13 +363,17 @@ class PowertrainLaw:
         assert options is not None
         # Braked and driven slip have memories of their own, as a wheel may be in both controls in turn.
         row = self._slips[wheel + (4 if direction == DRIVING else 0)]
+        # The law knows one direction of travel, so rate and speed are taken along it.
+        rate, speed = along * measured.rates[wheel], along * measured.speeds[wheel]
+        if wanted <= 0.0:  # as the law does; most wheels are not braked most of the time
+            memory[row] = SlipState(0.0, wanted, rate, speed, 1.0)
+            return wanted
         memory[row], torque = hold_slip(
             SlipState(*memory[row]),
             wanted,
             direction=direction,
-            # The law knows one direction of travel, so rate and speed are taken along it.
-            rate=along * measured.rates[wheel],
-            speed=along * measured.speeds[wheel],
+            rate=rate,
+            speed=speed,
             options=options,
             radius=self.radii[wheel],
             inertia=self._inertias[wheel],

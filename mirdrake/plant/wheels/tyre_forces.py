@@ -174,8 +174,9 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         wheel_torque: as that of :class:`TyreSystem`.
         actuation: the same, in a discrete plant.
     Output ports:
-        solution: generalised forces; memory of the wheels; quantities of :data:`FORCES` of each wheel; torques of the
-            rolling resistance; loads; in a continuous plant torques of the actuators and memory of the joints.
+        solution: generalised forces; memory of the wheels; in a continuous plant memory of the joints; quantities of
+            :data:`FORCES` of each wheel; torques of the rolling resistance; loads; in a continuous plant torques of the
+            actuators.
 
     Args:
         plant: finalised plant, its wheels' spin axes along y of their bodies.
@@ -213,9 +214,10 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             actuation, joints_before, joints_after = (np.zeros(0) for _ in range(3))
         else:
             self.given_sizes += [motors, 2 * motors]
-            self.solution_sizes += [motors, of_joints]
+            self.solution_sizes[2:2] = [of_joints]
+            self.solution_sizes.append(motors)
             self._given, _, _, self._friction, self._efforts, self._desired = _views(self.given_sizes)
-            self._solution, force, after, logged, resistances, loads, actuation, joints_after = _views(
+            self._solution, force, after, joints_after, logged, resistances, loads, actuation = _views(
                 self.solution_sizes
             )
             self._before, wheels_before, joints_before = _views([memory, of_joints])
@@ -241,10 +243,9 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self.actuation = None
             state = self.DeclareDiscreteState(len(self._solution))
             self.solution = self.DeclareStateOutputPort("solution", state)
-            first = plant.num_velocities()
-            end = first + sum(self.solution_sizes[1:5])
             # Memory of wheels and joints in the solution.
-            self._kept = [slice(first, first + memory), slice(end + motors, end + motors + of_joints)]
+            first = plant.num_velocities()
+            self._kept = slice(first, first + memory + of_joints)
             self.DeclareInitializationDiscreteUpdateEvent(self._start)
             self.DeclarePeriodicDiscreteUpdateEvent(part.period, 0.0, self._update)
 
@@ -266,15 +267,11 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._desired[joint["actuator"]] = x[joint["position"]] + self._period * v
             self._desired[len(self._efforts) + joint["actuator"]] = v
         self._solve(context)
-        for kept in self._kept:
-            self._solution[kept] = 0.0
+        self._solution[self._kept] = 0.0
         state.set_value(0, self._solution)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        last = context.get_discrete_state(0).value()
-        wheels, joints = self._kept
-        self._before[: wheels.stop - wheels.start] = last[wheels]
-        self._before[wheels.stop - wheels.start :] = last[joints]
+        self._before[:] = context.get_discrete_state(0).value()[self._kept]
         self._given[:] = self.given.Eval(context)
         self._solve(context)
         state.set_value(0, self._solution)
@@ -389,10 +386,13 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         if equations.actuation is None:
             builder.ExportInput(given.get_input_port(count - 1), "desired_state")
         builder.ExportOutput(split.get_output_port(0), "generalized_force")
-        for index, name in enumerate(("tyre_forces", "resistance", "wheel_load"), start=1):
-            builder.ExportOutput(last.get_output_port(index), name)
+        names = ["tyre_forces", "resistance", "wheel_load"]
         if equations.actuation is None:
-            builder.ExportOutput(last.get_output_port(4), "net_actuation")
+            names.append("net_actuation")
+        # Behind the memory.
+        first = last.num_output_ports() - len(names)
+        for index, name in enumerate(names, start=first):
+            builder.ExportOutput(last.get_output_port(index), name)
         builder.BuildInto(self)
 
         # BuildInto replaces the contents of the Diagram, so ports can be kept only afterwards.
