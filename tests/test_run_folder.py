@@ -27,6 +27,7 @@ from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.runs.summary import drive_figures, missed_speed
 from mirdrake.runs.texts import describe_findings
+from mirdrake.runs.wheel_oscillation import find_wheel_oscillation
 from mirdrake.workflow import run_diagram
 
 FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "stop_detail", "spec_sha256", "seed", "vehicles"}
@@ -495,6 +496,28 @@ def test_the_samples_of_vehicles_and_actors_are_equally_many_after_a_kill(tmp_pa
     assert run.signals.index.tolist() == run.actors.index.tolist() == [0.0, 1.0, 2.0]
     assert run.actors["lead.x"].tolist() == [0.0, 2.0, 4.0]
     assert run.summary["simulated_s"] == 2.0
+
+
+def test_a_wheel_that_slips_to_and_fro_is_a_finding() -> None:
+    """A sine of 20 rad/s at 4 Hz about 8 rad/s from 5 to 15 s, while the vehicle drives 1 m/s."""
+    times = np.asarray(0.02 * np.arange(1001), dtype=np.float64)
+    vx = 1.0 + 0.02 * np.sin(8.0 * np.pi * times)
+    swinging = np.where((times >= 5.0) & (times <= 15.0), 20.0 * np.sin(8.0 * np.pi * times), 0.0)
+    wheels = {"front left": 8.0 * vx, "rear left": 8.0 + swinging}
+    found = find_wheel_oscillation(times, wheels, vx)
+    assert found is not None
+    assert found["wheel"] == "rear left"
+    assert found["from_s"] == pytest.approx(5.0, abs=0.6)
+    assert found["duration_s"] == pytest.approx(10.0, abs=1.0)
+    assert (found["frequency_hz"], found["amplitude_radps"], found["speed_radps"]) == pytest.approx(
+        (4.0, 20.0, 8.0), rel=0.1
+    )
+    (line,) = describe_findings({"vehicles": {"ego": {"wheel_oscillation": found}}})
+    assert line.startswith("ego: the rear left wheel oscillates at 4 Hz, by ")
+    # A vehicle that brakes and accelerates with its wheels, a short slide, or a slow change are none.
+    assert find_wheel_oscillation(times, {"front left": 8.0 + swinging}, 1.0 + swinging / 8.0) is None
+    assert find_wheel_oscillation(times, {"front left": 8.0 + np.where(times < 7.0, swinging, 0.0)}, vx) is None
+    assert find_wheel_oscillation(times, {"front left": 8.0 + 6.0 * np.sin(0.5 * times)}, vx) is None
 
 
 def test_a_speed_that_is_far_from_its_set_point_for_long_is_a_finding() -> None:

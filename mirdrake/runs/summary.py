@@ -17,9 +17,11 @@ from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.digest import digest_data
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
+from mirdrake.core.vectors import WHEELS
 from mirdrake.runs.incidents import Incident
 from mirdrake.runs.stop import Stop
 from mirdrake.runs.telemetry import Array
+from mirdrake.runs.wheel_oscillation import find_wheel_oscillation
 
 VEHICLE_FIGURES = (
     "laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s", "distance_m", "max_speed_mps",
@@ -119,8 +121,8 @@ def make_summary(
             for incident in incidents
             if incident.kind == "collision" and incident.vehicle == name
         ]
-        missed = _missed_speed(signals, name)
-        findings = {} if missed is None else {"speed_missed": missed}
+        found = {"speed_missed": _missed_speed(signals, name), "wheel_oscillation": _wheel_oscillation(signals, name)}
+        findings = {key: finding for key, finding in found.items() if finding is not None}
         figures = _vehicle_figures(signals, name)
         vehicles[name] = {"model": part.vehicle.name, **figures, **findings, "collisions": collisions}
     return {
@@ -143,7 +145,8 @@ _FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "cu
 
 def figure_columns(assembly: Assembly) -> list[str]:
     """Return the signals from which the figures of a summary are computed."""
-    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in (*_FIGURES, "speed_setpoint")]
+    wheels = [f"wheel_speed.{wheel}" for wheel in WHEELS]
+    return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in (*_FIGURES, "speed_setpoint", *wheels)]
 
 
 def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, float | None]:
@@ -198,6 +201,15 @@ def _missed_speed(signals: pd.DataFrame, name: str) -> dict[str, float] | None:
         return None
     setpoint, vx = (signals[column].to_numpy() for column in columns)
     return missed_speed(signals.index.to_numpy(), setpoint, vx)
+
+
+def _wheel_oscillation(signals: pd.DataFrame, name: str) -> dict[str, float | str] | None:
+    """Return what :func:`find_wheel_oscillation` finds in the signals of a vehicle; None without its signals."""
+    wheels = {wheel: f"{name}.wheel_speed.{wheel}" for wheel in WHEELS}
+    if not {f"{name}.vx", *wheels.values()} <= set(signals):
+        return None
+    spins = {wheel.replace("_", " "): signals[column].to_numpy() for wheel, column in wheels.items()}
+    return find_wheel_oscillation(signals.index.to_numpy(), spins, signals[f"{name}.vx"].to_numpy())
 
 
 def missed_speed(times: Array, setpoint: Array, vx: Array) -> dict[str, float] | None:

@@ -36,6 +36,14 @@ def describe_findings(summary: Mapping[str, Any]) -> list[str]:
                 f"{name}: speed is {missed['error_mps']:.2g} m/s away from its set-point for "
                 f"{missed['duration_s']:.3g} s, from t = {missed['from_s']:.3g} s on"
             )
+        wheel = figures.get("wheel_oscillation")
+        if wheel:
+            lines.append(
+                f"{name}: the {wheel['wheel']} wheel oscillates at {wheel['frequency_hz']:.2g} Hz, by "
+                f"{wheel['amplitude_radps']:.2g} rad/s about {wheel['speed_radps']:.2g} rad/s, for "
+                f"{wheel['duration_s']:.3g} s, from t = {wheel['from_s']:.3g} s on: it slips; "
+                "lower gains of wheel_speed, or slower set-points, prevent this"
+            )
     return lines
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.registry import LOOP_KINDS
-from mirdrake.tuning.loops.slip import RESERVE, run_slip
+from mirdrake.tuning.loops.slip import fault_on_own_slopes, run_slip
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.trials import make_trial
 
@@ -77,11 +77,6 @@ class InSlip:
                 if result.status != "ok":
                     return Evaluation("unstable", reason=f"{describe(scenario)}: {result.reason}")
         return self.evaluate(gains, conditions, fidelity)
-
-
-def fault_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> str:
-    """Return why gains do not follow the vehicle's own slopes on the slip model, with a reserve of friction; or ""."""
-    return run_slip(slopes, gains, friction=1.0 - RESERVE, keep=False).reason
 
 
 def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:

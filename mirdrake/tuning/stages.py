@@ -21,10 +21,10 @@ from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS
-from mirdrake.tuning.loops.slip import run_slip
+from mirdrake.tuning.loops.slip import direct, fault_on_own_slopes, run_slip
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
-from mirdrake.tuning.scenarios import InScenarios, InSlip, Ranges, drawn_ranges, fault_on_own_slopes, hardest
+from mirdrake.tuning.scenarios import InScenarios, InSlip, Ranges, drawn_ranges, hardest
 from mirdrake.tuning.screening import COST, SAMPLE, WORST, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
@@ -291,7 +291,15 @@ class Stages:
 
     def test_on_own_slopes(self, design: Design) -> Evaluation | None:
         """Test a design with the vehicle's own slopes of the set-point; None if the loop's set-point has none."""
-        return None if self.own_slopes is None else LoopEvaluator(self.own_slopes)(design.gains)
+        loop = self.own_slopes
+        if loop is None:
+            return None
+        evaluate = LoopEvaluator(loop)
+        nominal = evaluate(design.gains)
+        if nominal.status != "ok" or loop.model is None:
+            return nominal
+        shortest = evaluate(design.gains, direct(loop))
+        return nominal if shortest.status == "ok" else replace(shortest, reason=f"without dead time: {shortest.reason}")
 
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[MarginCheck, ...], tuple[Rejection, ...]]:
         """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""

@@ -30,8 +30,12 @@ from mirdrake.tuning.loops.reduced import find_loop_margins, model_of, pid_of, r
 from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
 from mirdrake.tuning.models import Floats, TransferFunction
 
-RESERVE = 0.03
-"""Reserve of friction on own slopes [1]. Gains with less let the wheels of the plant oscillate, too."""
+RESERVE, DIRECT_RESERVE = 0.03, 0.1
+"""Reserves of friction on own slopes, with the nominal dead time and with the shortest one [1].
+
+With less, wheels of the plant oscillated, in the test or in other drives. With the shortest dead time, sampled gains
+may be too high for a rolling wheel on the slip stiffness of its tyre, before it slides.
+"""
 
 STEP = 1e-3
 """Longest step of the model [s]; it is implicit."""
@@ -83,6 +87,21 @@ def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> Sli
         total + float(others / bench.radius**2), float(bench.radius), friction, tuple(driven), frequency, damping,
         wheels[bench.driven[0]].settings.low,
     )  # fmt: skip
+
+
+def direct(spec: LoopSpec) -> Conditions:
+    """Return the conditions of a controller without dead time but for a step of the plant, as in a diagram."""
+    _, period = model_of(spec)
+    return Conditions(delay=spec.time_step - WAIT * period)
+
+
+def fault_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> str:
+    """Return why gains do not follow the vehicle's own slopes on the slip model, with reserves of friction; or ""."""
+    nominal = run_slip(slopes, gains, friction=1.0 - RESERVE, keep=False)
+    if nominal.status != "ok":
+        return nominal.reason
+    found = run_slip(slopes, gains, direct(slopes), friction=1.0 - DIRECT_RESERVE, keep=False)
+    return f"without dead time: {found.reason}" if found.status != "ok" else ""
 
 
 def run_slip(
