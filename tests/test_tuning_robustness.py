@@ -4,11 +4,12 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import beta
 
 from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.tuning.robustness import draw_conditions, failure_rate, quantiles_of, run_monte_carlo
+from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, failure_rate, quantiles_of, run_monte_carlo
 from mirdrake.vehicles.joint_control import GainTable
 from tests.tuning_rigs import TextbookLoop
 
@@ -100,6 +101,20 @@ def test_cautious_gains_stay_stable_in_runs_that_aggressive_ones_fail() -> None:
         robustness.failures("clam")
     with pytest.raises(ConfigError, match="no figure 'iea'"):
         robustness.quantiles("calm", "iea")
+
+
+def test_a_run_that_is_not_stable_costs_more_than_any_other() -> None:
+    """Ratios 2, 0 (the other failed), inf (it failed itself) and 4; both failed: none."""
+    rows = [
+        {"candidate": name, "run": run, "fidelity": "plant", "seed": 0, "iae": value, "reason": ""}
+        | {"status": "unstable" if math.isnan(value) else "ok"}
+        for name, values in {"a": [2.0, 1.0, math.nan, 4.0, math.nan], "b": [1.0, math.nan, 1.0, 1.0, math.nan]}.items()
+        for run, value in enumerate(values)
+    ]
+    columns = ["candidate", "run", "fidelity", "seed", "iae", "status", "reason"]
+    runs = MonteCarlo(pd.DataFrame(rows, columns=columns), {}, 5, 0)
+    assert runs.ratios("a", "b", {"iae": 1.0}).tolist() == [2.0, 0.0, math.inf, 4.0]
+    assert runs.median_ratio("a", "b", {"iae": 1.0}) == 3.0
 
 
 @pytest.mark.parametrize(("failures", "runs"), [(0, 30), (1, 30), (7, 100), (30, 30)])

@@ -111,7 +111,7 @@ def accept(
     # One nominal test may favour a candidate by chance; the median ratio over the Monte Carlo must agree.
     ratio = monte_carlo.median_ratio(winner.name, baseline.name, cost) if monte_carlo is not None else None
     if ratio is not None:
-        criteria.append(Criterion("cheaper_in_runs", ratio, 1.0, printed(ratio) < 1.0))
+        criteria.append(Criterion("cheaper_in_runs", finite_or_none(ratio), 1.0, printed(ratio) < 1.0))
     for name, limit in constraints.items():
         value = winner.trial.figures.get(name, math.nan)
         met = not breaks_limit(name, value, limit)

@@ -197,21 +197,26 @@ class MonteCarlo:
             cost: weights of figures.
 
         Returns:
-            The median over the runs in which both are stable; None without one, or without the figures.
+            The median over the runs of :meth:`ratios`; None without one, or without the figures.
         """
         ratios = self.ratios(candidate, other, cost)
         return float(np.median(ratios)) if len(ratios) else None
 
     def ratios(self, candidate: str, other: str, cost: Mapping[str, float]) -> Floats:
-        """Return the cost of a candidate over that of another one, in the sampled runs in which both are stable."""
+        """Return the cost of a candidate over that of another one, in the sampled runs in which one is stable at least.
+
+        A run that is not stable has an infinite cost: the ratio is 0, or inf.
+        """
         if candidate == other or not {candidate, other} <= set(self.candidates) or not set(cost) <= set(self.figures):
             return np.zeros(0)
         sampled = min(self.sampled.get(name, self.runs) for name in (candidate, other))
         costs = []
         for name in (candidate, other):
             rows = self.rows(name).set_index("run")
-            rows = rows[(rows.index < sampled) & (rows["status"] == "ok")]
-            costs.append(pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1))
+            rows = rows[rows.index < sampled]
+            total = pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1)
+            costs.append(total.where(rows["status"] == "ok", math.inf))
+        # Runs in which both are not stable are nan.
         return np.asarray((costs[0] / costs[1]).dropna(), dtype=float)
 
     def rows(self, candidate: str) -> pd.DataFrame:
