@@ -250,6 +250,23 @@ def test_a_predicted_path_turns_with_the_rate_of_the_steering():
     assert math.hypot(np.diff(x)[0], np.diff(y)[0]) == pytest.approx(0.25)
 
 
+def test_the_ways_to_parallel_lines_converge_as_the_law_of_the_line():
+    """An offset decays as (1 + s/d) exp(-s/d), as below; a far line is approached at 27 degrees."""
+    driver = make_driver("straight_and_avoid", WorldStandIn())
+    offsets = np.array([0.1, -0.2, 6.0])
+    wanted, angles = driver._ways_to(offsets, 0.0, 3.0, 0.5, 0.0, math.inf, 48)
+    paths = driver._paths(angles)
+    s = np.arange(49) * 0.25
+    decay = (1.0 + s / 3.0) * np.exp(-s / 3.0)
+    np.testing.assert_allclose(offsets[:2, None] + paths.y[:2], offsets[:2, None] * decay, atol=0.005)
+    wish = [driver.law.steering(line_curvature(e, 0.0, distance=3.0)) for e in offsets]
+    assert wanted == pytest.approx([*wish[:2], -0.5])
+    assert wish[2] < -0.5
+    assert np.degrees(paths.yaw[2].min()) == pytest.approx(-math.degrees(math.atan(0.5)), abs=1.0)
+    # The rate of the steering limits the first steps: 0.01 rad in each.
+    assert driver._ways_to(offsets, 0.0, 3.0, 0.5, 0.0, 0.01, 48)[1][2, :3] == pytest.approx([-0.01, -0.02, -0.03])
+
+
 def test_the_way_back_to_the_line_keeps_half_of_the_clearance():
     """A post beside the front end, 0.35 m away: the way back to the line 0.5 m aside would pass at 0.21 m."""
     driver = make_driver("straight_and_avoid", WorldStandIn())

@@ -66,21 +66,22 @@ def approach_speed(gap: float, *, distance: float, deceleration: float, reaction
     )
 
 
-def line_curvature(lateral: float, heading: float, *, distance: float) -> float:
+def line_curvature(lateral: ArrayLike, heading: ArrayLike, *, distance: float) -> Array:
     """Return the curvature [1/m] that leads the rear axle centre to a straight line, critically damped over a distance.
 
     The law of :mod:`mirdrake.controllers.path_tracking` for a straight line: e'' = -(2/d) e' - e/d^2 with e' = tan of
     the course; far away the line is approached at an angle of at most 27 degrees.
 
     Args:
-        lateral: offset from the line, positive to the left [m].
+        lateral: offset from the line, positive to the left [m]; one or several.
         heading: course minus direction of the line [rad].
         distance: d [m].
     """
-    theta = min(max(math.remainder(heading, 2.0 * math.pi), -_STEEPEST_COURSE), _STEEPEST_COURSE)
+    theta = np.mod(np.asarray(heading) + math.pi, 2.0 * math.pi) - math.pi
+    theta = np.minimum(np.maximum(theta, -_STEEPEST_COURSE), _STEEPEST_COURSE)
     # 2/d (tan θ + e / (2 d)), with the offset limited to the steepest angle of approach.
-    approach = min(max(0.5 * lateral / distance, -_STEEPEST), _STEEPEST)
-    return -2.0 / distance * (math.tan(theta) + approach) * math.cos(theta) ** 3
+    approach = np.minimum(np.maximum(0.5 / distance * np.asarray(lateral), -_STEEPEST), _STEEPEST)
+    return np.asarray(-2.0 / distance * (np.tan(theta) + approach) * np.cos(theta) ** 3)
 
 
 def gap_to(points: Array, outline: Outline) -> Array:

@@ -2,12 +2,13 @@
 
 At every decision the car predicts its path for a number of steering angles: the angle changes with the rate of the
 steering, then it stays (the dynamic window of D. Fox, W. Burgard, S. Thrun, The dynamic window approach to collision
-avoidance, IEEE Robotics & Automation Magazine 4(1), 1997, for a car with a limited steering rate). Each path is free
-as far as a box as wide as the car and the clearance to both sides can follow it. The path back to the line is taken
-when it is free as far as the car looks, with the whole clearance and with half of it. Otherwise that one counts on
-which the bumper makes most way along the line, with the whole clearance and with half of it alike, with a little
-preference for the present steering and for the way back, so that the car does not alternate between two sides. The
-speed is such that the car can stop before the chosen path ends for half the clearance.
+avoidance, IEEE Robotics & Automation Magazine 4(1), 1997, for a car with a limited steering rate). Such a path has one
+bend; paths to lines beside the car, parallel to its own, have two. Each path is free as far as a box as wide as the car
+and the clearance to both sides can follow it. The path back to the line is taken when it is free as far as the car
+looks, with the whole clearance and with half of it. Otherwise that one counts on which the bumper makes most way along
+the line, with the whole clearance and with half of it alike, with a little preference for the present steering and for
+the way back, so that the car does not alternate between two sides. The speed is such that the car can stop before the
+chosen path ends for half the clearance.
 
 The scan does not see beside the car: what passes out of it is remembered until the car has gone by.
 """
@@ -28,6 +29,7 @@ from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reactio
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _ANGLES = 21
+_LINES = 8  # to either side, half the width of the car apart
 _STEP = 0.25  # between the poses of a path; a front end moves less to the side than the clearance [m]
 _BLOCK = 12  # poses that are evaluated together
 _PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
@@ -55,6 +57,7 @@ class StraightAndAvoid(Behaviour):
         self.spec, self._wheelbase = spec, vehicle.geometry.wheelbase
         share = np.linspace(-1.0, 1.0, _ANGLES)
         self._shares = share * np.abs(share)  # closer together near straight ahead
+        self._lines = -self.outline.half_width * np.arange(-_LINES, _LINES + 1)
         # Wider by the largest deviation of a bent path from a straight line between two poses.
         bulge = self.law.curvature(self.law.limit) * _STEP**2 / 8.0
         self._box = self.outline._replace(half_width=self.outline.half_width + bulge)
@@ -83,18 +86,20 @@ class StraightAndAvoid(Behaviour):
         change = self.law.rate * _STEP / max(speed, 1.0)
 
         convergence = max(self.spec.convergence_distance, 0.8 * speed)
-        wanted = self._wanted(lateral, heading, convergence, largest)
-        back = self._back(lateral, heading, convergence, largest, present, change, steps)
-        steering, way = wanted, math.inf
+        # Ways to lines parallel to its own: first its own, then those beside where the car is.
+        lines = np.append(lateral, self._lines)
+        wanted, ways = self._ways_to(lines, heading, convergence, largest, present, change, steps)
+        steering, way = float(wanted[0]), math.inf
         clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
         # Paths are compared only if the way back to the line is not free.
-        if free_ways(clearances, points, self._paths(back[None]), self._box).min() < steps:
-            angles: Array = np.append(largest * self._shares, wanted)
-            paths = self._paths(turning(present, angles, change, steps))
+        if free_ways(clearances, points, self._paths(ways[:1]), self._box).min() < steps:
+            turned: Array = largest * self._shares
+            angles = np.concatenate((turned, wanted))
+            paths = self._paths(np.vstack((turning(present, turned, change, steps), ways)))
             wide, narrow = free_ways(clearances, points, paths, self._box)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(self._progress(paths, heading, way) for way in (wide, narrow)) / (2.0 * look)
-            cost = (np.abs(angles - wanted) + np.abs(angles - present)) / (2.0 * largest)
+            cost = (np.abs(angles - steering) + np.abs(angles - present)) / (2.0 * largest)
             chosen = int(np.argmax(made - _PREFERENCE * cost))
             steering = float(angles[chosen])
             way = float(narrow[chosen]) * _STEP if narrow[chosen] < steps else math.inf
@@ -110,31 +115,39 @@ class StraightAndAvoid(Behaviour):
         limit = math.sqrt(self.spec.lateral_acceleration / max(abs(self.law.curvature(steering)), 1e-6))
         return Decision(min(self.spec.speed, profile, limit), steering)
 
-    def _wanted(self, lateral: float, heading: float, convergence: float, largest: float) -> float:
-        """Return the steering angle that leads back to the line [rad]."""
-        wanted = self.law.steering(line_curvature(lateral, heading, distance=convergence))
-        return min(max(wanted, -largest), largest)
-
-    def _back(
+    def _ways_to(
         self,
-        lateral: float,
+        lateral: Array,
         heading: float,
         convergence: float,
         largest: float,
         steering: float,
         change: float,
         steps: int,
-    ) -> Array:
-        """Return the steering angles on the way back to the line after each step (steps) [rad]."""
-        angles = np.empty(steps)
+    ) -> tuple[Array, Array]:
+        """Return the steering angles that the ways to parallel lines ask for now (n), and after each step (n, steps).
+
+        Args:
+            lateral: offsets of the car from the lines (n) [m].
+            heading: course minus direction of the lines [rad].
+            convergence: distance over which a line is approached [m].
+            largest: largest steering angle [rad].
+            steering: present steering angle [rad].
+            change: largest change of the angle in a step [rad].
+            steps: number of steps.
+        """
+        angle, yaw = np.full(len(lateral), steering), np.full(len(lateral), heading)
+        angles, now = np.empty((len(lateral), steps)), angle
         for k in range(steps):
-            wanted = self._wanted(lateral, heading, convergence, largest)
-            steering += min(max(wanted - steering, -change), change)
-            angles[k] = steering
-            turn = self.law.curvature(steering) * _STEP
-            lateral += _STEP * math.sin(heading + 0.5 * turn)
-            heading += turn
-        return angles
+            wanted = np.arctan(self._wheelbase * line_curvature(lateral, yaw, distance=convergence))
+            wanted = np.minimum(np.maximum(wanted, -largest), largest)
+            now = wanted if k == 0 else now
+            angle = angle + np.minimum(np.maximum(wanted - angle, -change), change)
+            angles[:, k] = angle
+            turn = np.tan(angle) * (_STEP / self._wheelbase)
+            lateral = lateral + _STEP * np.sin(yaw + 0.5 * turn)
+            yaw = yaw + turn
+        return now, angles
 
     def _paths(self, angles: Array) -> Paths:
         """Return the paths for steering angles in each step (n, steps) [rad]."""
