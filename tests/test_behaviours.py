@@ -19,6 +19,7 @@ from mirdrake.controllers.behaviours.follow_path import FollowPathSpec, track_th
 from mirdrake.controllers.behaviours.hold_lane import HoldLane, HoldLaneSpec, Lane
 from mirdrake.controllers.behaviours.laws import (
     approach_speed,
+    bend_speed,
     brake_speed,
     free_distance,
     gap_to,
@@ -164,6 +165,16 @@ def test_no_speed_is_higher_than_the_car_can_stop_from_within_the_range_of_the_s
     assert approach_speed(20.0, period=0.05, **braking) == brake_speed(15.0, deceleration=3.0, reaction=0.3)
 
 
+def test_bends_are_braked_for_in_time():
+    limits = {"lateral_acceleration": 3.0, "deceleration": 2.0, "reaction": 0.5}
+    # A bend of 12 m radius allows 6 m/s. It is 9 m away: v 0.5 + (v² - 36)/4 = 9.
+    assert bend_speed([0.0, 1 / 12], [0.0, 9.0], **limits) == pytest.approx(-1.0 + math.sqrt(1.0 + 36.0 + 36.0))
+    # In the bend it is 6 m/s, also just before it, and never less.
+    assert bend_speed([-1 / 12, 0.0], [0.0, 9.0], **limits) == pytest.approx(6.0)
+    assert bend_speed([0.0, 1 / 12], [0.0, 0.1], **limits) == pytest.approx(6.0)
+    assert bend_speed([1 / 48, 1 / 12], [0.0, 200.0], **limits) == pytest.approx(12.0)
+
+
 def first_contact(point, curvature, box, reach, step=0.002):
     """Return the free distance by sampling poses along the path."""
     distances = np.arange(0.0, reach, step)
@@ -254,7 +265,7 @@ def test_the_ways_to_parallel_lines_converge_as_the_law_of_the_line():
     """An offset decays as (1 + s/d) exp(-s/d), as below; a far line is approached at 27 degrees."""
     driver = make_driver("straight_and_avoid", WorldStandIn())
     offsets = np.array([0.1, -0.2, 6.0])
-    wanted, angles = driver._ways_to(offsets, 0.0, 3.0, 0.5, 0.0, math.inf, 48)
+    wanted, angles = driver._ways_to(offsets, 0.0, 3.0, np.full(48, 0.5), 0.0, math.inf, 48)
     paths = driver._paths(angles)
     s = np.arange(49) * 0.25
     decay = (1.0 + s / 3.0) * np.exp(-s / 3.0)
@@ -264,7 +275,9 @@ def test_the_ways_to_parallel_lines_converge_as_the_law_of_the_line():
     assert wish[2] < -0.5
     assert np.degrees(paths.yaw[2].min()) == pytest.approx(-math.degrees(math.atan(0.5)), abs=1.0)
     # The rate of the steering limits the first steps: 0.01 rad in each.
-    assert driver._ways_to(offsets, 0.0, 3.0, 0.5, 0.0, 0.01, 48)[1][2, :3] == pytest.approx([-0.01, -0.02, -0.03])
+    assert driver._ways_to(offsets, 0.0, 3.0, np.full(48, 0.5), 0.0, 0.01, 48)[1][2, :3] == pytest.approx(
+        [-0.01, -0.02, -0.03]
+    )
 
 
 def test_the_way_back_to_the_line_keeps_half_of_the_clearance():

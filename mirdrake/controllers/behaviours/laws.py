@@ -66,6 +66,27 @@ def approach_speed(gap: float, *, distance: float, deceleration: float, reaction
     )
 
 
+def bend_speed(
+    curvatures: ArrayLike, distances: ArrayLike, *, lateral_acceleration: float, deceleration: float, reaction: float
+) -> float:
+    """Return the speed [m/s] from which the car can slow down in time for all bends of its way.
+
+    At the distance s, the curvature k allows the speed v with v^2 |k| = a_y. The car is not faster, or brakes to it in
+    time, as in :func:`brake_speed`: v t + (v^2 - a_y/|k|)/(2 a) = s.
+
+    Args:
+        curvatures: k of the way (n) [1/m].
+        distances: s at which the curvatures begin (n) [m].
+        lateral_acceleration: a_y [m/s^2].
+        deceleration: a [m/s^2].
+        reaction: t, the delay until the brakes act [s].
+    """
+    lag = deceleration * reaction
+    squares = lateral_acceleration / np.maximum(np.abs(curvatures), _STRAIGHT)
+    braked = np.sqrt(lag * lag + squares + 2.0 * deceleration * np.asarray(distances)) - lag
+    return float(np.min(np.maximum(np.sqrt(squares), braked)))
+
+
 def line_curvature(lateral: ArrayLike, heading: ArrayLike, *, distance: float) -> Array:
     """Return the curvature [1/m] that leads the rear axle centre to a straight line, critically damped over a distance.
 

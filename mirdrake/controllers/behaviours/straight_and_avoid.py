@@ -3,7 +3,8 @@
 At every decision the car predicts its path for a number of steering angles: the angle changes with the rate of the
 steering, then it stays (the dynamic window of D. Fox, W. Burgard, S. Thrun, The dynamic window approach to collision
 avoidance, IEEE Robotics & Automation Magazine 4(1), 1997, for a car with a limited steering rate). Such a path has one
-bend; paths to lines beside the car, parallel to its own, have two. Each path is free as far as a box as wide as the car
+bend; paths to lines beside the car, parallel to its own, have two. Bends become tighter along a path as the car can
+brake for them. Each path is free as far as a box as wide as the car
 and the clearance to both sides can follow it. The path back to the line is taken when it is free as far as the car
 looks, with the whole clearance and with half of it. Otherwise that one counts on which the bumper makes most way along
 the line, with the whole clearance and with half of it alike, with a little preference for the present steering and for
@@ -23,7 +24,7 @@ from pydantic import Field
 
 from mirdrake.controllers.behaviours.base import Behaviour, Decision, View
 from mirdrake.controllers.behaviours.fan import Array
-from mirdrake.controllers.behaviours.laws import approach_speed, line_curvature, stopping_distance
+from mirdrake.controllers.behaviours.laws import approach_speed, bend_speed, line_curvature, stopping_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
@@ -80,28 +81,33 @@ class StraightAndAvoid(Behaviour):
         look = max(self.spec.lookahead, 1.2 * look)
         steps = math.ceil(look / _STEP)
         points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
-        # The largest angle for the lateral acceleration v² κ, and the change of the angle within a step.
-        bend = self.spec.lateral_acceleration / max(speed, 1.0) ** 2
-        largest = min(self.law.limit, self.law.steering(bend))
+        # The largest angles for the lateral acceleration v² κ along a way on which the car brakes from now on, and the
+        # change of the angle within a step.
+        along = _STEP * np.arange(steps)
+        braked = 2.0 * self.spec.deceleration * np.maximum(along - speed * self.spec.reaction, 0.0)
+        bends = self.spec.lateral_acceleration / np.maximum(speed**2 - braked, 1.0)
+        largest = np.minimum(self.law.limit, np.arctan(self._wheelbase * bends))
         change = self.law.rate * _STEP / max(speed, 1.0)
 
         convergence = max(self.spec.convergence_distance, 0.8 * speed)
         # Ways to lines parallel to its own: first its own, then those beside where the car is.
         lines = np.append(lateral, self._lines)
         wanted, ways = self._ways_to(lines, heading, convergence, largest, present, change, steps)
-        steering, way = float(wanted[0]), math.inf
+        steering, way, followed = float(wanted[0]), math.inf, ways[0]
         clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
         # Paths are compared only if the way back to the line is not free.
         if free_ways(clearances, points, self._paths(ways[:1]), self._box).min() < steps:
-            turned: Array = largest * self._shares
-            angles = np.concatenate((turned, wanted))
-            paths = self._paths(np.vstack((turning(present, turned, change, steps), ways)))
+            turned: Array = self.law.limit * self._shares
+            bent = np.clip(turning(present, turned, change, steps), -largest, largest)
+            angles, followable = np.concatenate((turned, wanted)), np.vstack((bent, ways))
+            angles = np.clip(angles, -largest[0], largest[0])
+            paths = self._paths(followable)
             wide, narrow = free_ways(clearances, points, paths, self._box)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(self._progress(paths, heading, way) for way in (wide, narrow)) / (2.0 * look)
-            cost = (np.abs(angles - steering) + np.abs(angles - present)) / (2.0 * largest)
+            cost = (np.abs(angles - steering) + np.abs(angles - present)) / (2.0 * largest[0])
             chosen = int(np.argmax(made - _PREFERENCE * cost))
-            steering = float(angles[chosen])
+            steering, followed = float(angles[chosen]), followable[chosen]
             way = float(narrow[chosen]) * _STEP if narrow[chosen] < steps else math.inf
         memory[3] = self.law.approach(present, steering, period=self.period)
         profile = approach_speed(
@@ -111,8 +117,15 @@ class StraightAndAvoid(Behaviour):
             reaction=self.spec.reaction,
             period=self.spec.period,
         )
-        # Lateral acceleration v² κ.
-        limit = math.sqrt(self.spec.lateral_acceleration / max(abs(self.law.curvature(steering)), 1e-6))
+        # Lateral acceleration v² κ: of the present set-point of the steering, and of the bends ahead.
+        curvatures = np.tan(np.append(steering, followed)) / self._wheelbase
+        limit = bend_speed(
+            curvatures,
+            np.append(0.0, along),
+            lateral_acceleration=self.spec.lateral_acceleration,
+            deceleration=self.spec.deceleration,
+            reaction=self.spec.reaction,
+        )
         return Decision(min(self.spec.speed, profile, limit), steering)
 
     def _ways_to(
@@ -120,7 +133,7 @@ class StraightAndAvoid(Behaviour):
         lateral: Array,
         heading: float,
         convergence: float,
-        largest: float,
+        largest: Array,
         steering: float,
         change: float,
         steps: int,
@@ -131,7 +144,7 @@ class StraightAndAvoid(Behaviour):
             lateral: offsets of the car from the lines (n) [m].
             heading: course minus direction of the lines [rad].
             convergence: distance over which a line is approached [m].
-            largest: largest steering angle [rad].
+            largest: largest steering angle in each step (steps) [rad].
             steering: present steering angle [rad].
             change: largest change of the angle in a step [rad].
             steps: number of steps.
@@ -140,7 +153,7 @@ class StraightAndAvoid(Behaviour):
         angles, now = np.empty((len(lateral), steps)), angle
         for k in range(steps):
             wanted = np.arctan(self._wheelbase * line_curvature(lateral, yaw, distance=convergence))
-            wanted = np.minimum(np.maximum(wanted, -largest), largest)
+            wanted = np.minimum(np.maximum(wanted, -largest[k]), largest[k])
             now = wanted if k == 0 else now
             angle = angle + np.minimum(np.maximum(wanted - angle, -change), change)
             angles[:, k] = angle
