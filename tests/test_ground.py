@@ -10,7 +10,7 @@ from scipy.signal import csd, welch
 from scipy.special import k1
 
 from mirdrake.ground import FLAT, Terrain
-from mirdrake.ground.layers import ground_at, ground_height, ground_heights
+from mirdrake.ground.layers import ground_at, ground_heights
 from mirdrake.ground.roughness import REFERENCE_FREQUENCY, ROUGHNESS, Roughness
 from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
 
@@ -190,7 +190,7 @@ def test_layers_above_another_terrain_are_those_of_one_terrain() -> None:
     assert FLAT.with_layers([]).flat
 
 
-def test_the_height_alone_is_that_of_height_and_slopes() -> None:
+def test_heights_along_a_line_are_those_of_its_points() -> None:
     random = np.random.default_rng(6)
     grids = [
         Grid(random.normal(size=(7, 9)), 0.7, x=-2.0, y=1.0, yaw=0.4, smooth=smooth, periodic=periodic)
@@ -201,10 +201,9 @@ def test_the_height_alone_is_that_of_height_and_slopes() -> None:
     kerb = Kerb(left=False, height=0.1, face=0.1, top=1.0)
     data = Terrain([Plane(0.3, 0.02, -0.01), *grids, arc(radius=30.0, angle=0.5, bank=0.05, kerb=kerb), *features]).data
     data = data._replace(layers=data.layers.view(np.recarray))  # type: ignore[attr-defined]
-    for x, y in random.uniform((-10.0, -10.0), (20.0, 10.0), (500, 2)).tolist():
-        assert ground_height(data, x, y) == ground_at(data, x, y)[0]
-    places = np.linspace(-9.0, 9.0, 40)
-    along, x, y, ex, ey = np.zeros(40), -1.0, 0.5, 0.8, 0.6
-    ground_heights(data, x, y, ex, ey, places, 3, 40, along)
+    places, along = np.linspace(-9.0, 9.0, 40), np.zeros(40)
+    for x, y, angle in random.uniform((-10.0, -10.0, -pi), (20.0, 10.0, pi), (20, 3)).tolist():
+        ex, ey = cos(angle), sin(angle)
+        ground_heights(data, x, y, ex, ey, places, 3, 40, along)
+        assert along[3:].tolist() == [ground_at(data, x + s * ex, y + s * ey)[0] for s in places[3:]]
     assert along[:3].tolist() == [0.0, 0.0, 0.0]
-    assert along[3:].tolist() == [ground_height(data, x + s * ex, y + s * ey) for s in places[3:]]

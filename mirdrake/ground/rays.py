@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mirdrake.ground.layers import GROUND_PARTS, TerrainData, ground_height
+from mirdrake.ground.layers import GROUND_PARTS, TerrainData, ground_at
 
 _SPANS = 5  # brackets around a guess: 1 cm, 4 cm, ... 2.6 m
 _FIRST = 0.01  # [m]
@@ -20,7 +20,7 @@ _EXACT = 1e-5  # [m]
 
 def above_ground(terrain: TerrainData, start: Any, direction: Any, along: float) -> float:
     """Return the height of a point of a ray over the ground [m]."""
-    z = ground_height(terrain, start[0] + along * direction[0], start[1] + along * direction[1])
+    z, _, _ = ground_at(terrain, start[0] + along * direction[0], start[1] + along * direction[1])
     height: float = start[2] + along * direction[2] - z
     return height
 
