@@ -293,8 +293,8 @@ class VehicleControl(ControlUnit):
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
-        machine_code: whether the step is compiled; half a second more at the start, and about half of the time from
-            then on. Pedals stay in Python.
+        machine_code: whether the step is compiled; up to 0.1 s more at the start, and about half of the time from then
+            on. Pedals stay in Python.
     """
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:

@@ -125,9 +125,9 @@ class PlantSpec(Schema):
     air_density: float = Field(1.2, ge=0.0, description="density of the air; 0: no aerodynamic forces [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
     gusts: list[GustSpec] = Field(default_factory=list, description="gusts, added to the wind")
-    machine_code: bool = Field(
-        False,
-        description="also compile control units: half a second at the start, worthwhile for many runs [-]",
+    machine_code: bool | None = Field(
+        None,
+        description="whether to compile control units, with bit-equal results; by default for long durations [-]",
     )
 
 
