@@ -14,7 +14,6 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
-
 # Steps of a control unit for which machine code is faster: it takes up to 0.1 s to load, and saves 20 µs in each step.
 _COMPILED = 1000
 
