@@ -307,8 +307,10 @@ def _four(
     a3: float,
 ) -> float:
     """Return the sum of four numbers behind `start` with weights."""
-    total: float = a0 * numbers[start + i0] + a1 * numbers[start + i1] + a2 * numbers[start + i2]
-    return total + a3 * numbers[start + i3]
+    total: float = (
+        a0 * numbers[start + i0] + a1 * numbers[start + i1] + a2 * numbers[start + i2] + a3 * numbers[start + i3]
+    )
+    return total
 
 
 def _around(index: int, count: int, periodic: int) -> tuple[int, int, int, int]:

@@ -77,7 +77,7 @@ class RoadFriction:
             for number, mu in enumerate(self._world.mu(x, y).tolist()):
                 if mu != self._now[index][number]:
                     self._change(context, index, number, mu)
-            distances = shapely.distance(self._edges, shapely.points(x, y)) - _NEAR
+            distances = np.asarray(shapely.distance(self._edges, shapely.points(x, y))) - _NEAR
             # Shortest time to the next edge: distance = speed t + acceleration t² / 2.
             a = _ACCELERATION
             self._due[index] = time + min(
