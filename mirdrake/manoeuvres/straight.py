@@ -84,7 +84,8 @@ class CoastDownSpec(ManoeuvreSpec):
         chosen = (record.vx <= self.speed) & (record.vx >= self.last)
         load = road_load(record.time[chosen], record.vx[chosen], mass)
         outcome.add("a", "A", load.a, "N")
-        outcome.add("b", "B", load.b, "N s/m")
+        # B is often zero: the others explain the road load alone.
+        outcome.add("b", "B", load.b, "N s/m", scale=load.at(self.speed) / self.speed)
         outcome.add("c", "C", load.c, "N s²/m²", f"rms of the speed {load.error:.3g} m/s")
         fast = 100.0 * KMH
         if self.last < fast < self.speed:
