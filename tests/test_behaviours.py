@@ -299,7 +299,7 @@ def test_the_return_to_the_line_decays_over_its_distance():
     """By e'' = -(2/d) e' - e/d² an offset without slope decays as (1 + s/d) exp(-s/d)."""
     s, y, yaw, step = 0.0, 0.1, 0.0, 0.001
     while s < 9.0:
-        curvature = line_curvature(y, yaw, distance=3.0)
+        curvature = float(line_curvature(y, yaw, distance=3.0))
         y, yaw, s = y + step * math.sin(yaw), yaw + step * curvature, s + step * math.cos(yaw)
     assert y == pytest.approx(0.1 * 4.0 * math.exp(-3.0), rel=0.01)
 

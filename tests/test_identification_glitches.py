@@ -1,6 +1,7 @@
 """Glitches of a channel and motions that resemble them: kicks of simulated vehicles, and injected outliers."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def drive(name, folder=None):
     diagram.sensors(ego, "imu")
     signals = diagram.simulate(10.0, inner=False).signals.iloc[1:]
     columns = channels_of_run(signals.columns)
+    assert columns is not None
     return Log(name, "train", signals.index.to_numpy(), {columns[key]: signals[key].to_numpy() for key in columns})
 
 
@@ -106,9 +108,9 @@ def test_only_what_is_added_to_a_process_is_a_glitch_and_no_kick_of_it(frequency
 def test_noise_of_a_second_gyro_is_not_taken_for_its_scale(scale, severity, seed):
     """A pitch rate at rest but for vibrations: noise of 0.8 of its size makes the gain 1.3; a factor of 2 is one."""
     random = np.random.default_rng(seed)
-    time = 0.02 * np.arange(4000)
-    rate = np.convolve(random.normal(0.0, 1.0, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3
-    second = scale * (rate + np.convolve(random.normal(0.0, 0.8, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3)
+    time: Any = 0.02 * np.arange(4000)
+    rate: Any = np.convolve(random.normal(0.0, 1.0, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3
+    second: Any = scale * (rate + np.convolve(random.normal(0.0, 0.8, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3)
     log = Log("drive", "train", time, {"pitch_rate": rate, "pitch_rate@imu": second})
     (finding,) = [item for item in check_relations(log) if item.check == "kinematics"]
     assert finding.value == pytest.approx(1.28 * scale, rel=0.15)

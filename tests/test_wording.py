@@ -21,7 +21,7 @@ def test_a_count_agrees_with_its_noun(count, noun, text):
 
 
 def test_a_finding_about_one_row_is_singular():
-    figures = {"rows": 1, "channel": "vx", "first": 0.0, "then": 2.0, "unit": "m/s"}
+    figures: dict[str, float | str] = {"rows": 1, "channel": "vx", "first": 0.0, "then": 2.0, "unit": "m/s"}
     assert (
         render(FINDINGS, "first_rows", figures)
         == "1 row without measurements at the beginning: vx is 0 there, then 2 m/s"

@@ -35,7 +35,9 @@ Records = npt.NDArray[np.void]
 _NUMBERS = (float, int)  # as a tuple, twice as fast to check against as a union
 
 
-@cache
+_types: dict[type[Any], np.dtype[np.void]] = {}
+
+
 def record_type(kind: type[Any]) -> np.dtype[np.void]:
     """Return the NumPy type of the record of a named tuple or dataclass, with the same fields.
 
@@ -43,8 +45,11 @@ def record_type(kind: type[Any]) -> np.dtype[np.void]:
         kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again. Fields of
             type Any are floats.
     """
-    # Aligned as a C structure, which Numba requires for access to the fields.
-    return np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
+    # Once for each class, as hints are slow to evaluate. Aligned as a C structure, which Numba requires for access to the
+    # fields.
+    if kind not in _types:
+        _types[kind] = np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
+    return _types[kind]
 
 
 def _field(hint: Any) -> tuple[Any, ...]:
