@@ -197,7 +197,10 @@ def test_heights_along_a_line_are_those_of_its_points() -> None:
         for smooth in (False, True)
         for periodic in (False, True)
     ]
-    features: list[LayerSource] = [Block(0.2, 0.5, 2.0, 0.5, width=3.0, side=0.5, x=2.0), Wave(0.1, 3.0, width=4.0, side=0.5, y=1.0)]
+    features: list[LayerSource] = [
+        Block(0.2, 0.5, 2.0, 0.5, width=3.0, side=0.5, x=2.0),
+        Wave(0.1, 3.0, width=4.0, side=0.5, y=1.0),
+    ]
     kerb = Kerb(left=False, height=0.1, face=0.1, top=1.0)
     data = Terrain([Plane(0.3, 0.02, -0.01), *grids, arc(radius=30.0, angle=0.5, bank=0.05, kerb=kerb), *features]).data
     data = data._replace(layers=data.layers.view(np.recarray))  # type: ignore[attr-defined]

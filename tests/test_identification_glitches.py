@@ -110,7 +110,9 @@ def test_noise_of_a_second_gyro_is_not_taken_for_its_scale(scale, severity, seed
     random = np.random.default_rng(seed)
     time: Any = 0.02 * np.arange(4000)
     rate: Any = np.convolve(random.normal(0.0, 1.0, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3
-    second: Any = scale * (rate + np.convolve(random.normal(0.0, 0.8, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3)
+    second: Any = scale * (
+        rate + np.convolve(random.normal(0.0, 0.8, 4000), np.exp(-np.arange(40) / 5.0), "same") * 1e-3
+    )
     log = Log("drive", "train", time, {"pitch_rate": rate, "pitch_rate@imu": second})
     (finding,) = [item for item in check_relations(log) if item.check == "kinematics"]
     assert finding.value == pytest.approx(1.28 * scale, rel=0.15)
