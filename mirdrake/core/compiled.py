@@ -45,7 +45,7 @@ def record_type(kind: type[Any]) -> np.dtype[np.void]:
         kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again. Fields of
             type Any are floats.
     """
-    # Once for each class, as hints are slow to evaluate. Aligned as a C structure: Numba requires it for access to fields.
+    # Once for each class, as hints are slow to evaluate. Aligned as a C structure, as Numba requires for its fields.
     if kind not in _types:
         _types[kind] = np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
     return _types[kind]
