@@ -118,6 +118,42 @@ def test_a_value_that_contradicts_the_given_one_is_written_with_a_note(bolt: Pat
     assert "ratio: 14.2\n" in change.files[0].after
 
 
+WEAK = _found("drag_area", "m^2", 0.6414, verdict="weakly identified", explanation="the model lacks an effect")
+
+
+def test_a_weakly_identified_value_is_written_with_force_only(bolt: Path) -> None:
+    change = plan_apply(_fit(WEAK), str(bolt), today=DAY)
+    assert change.files == ()
+    assert change.skipped == (
+        "drag_area: not written: only weakly identified: 0.6414 m^2, 95 % interval 0.6286 to 0.6542 "
+        "(the model lacks an effect); --force writes it",
+    )
+    forced = plan_apply(_fit(WEAK), str(bolt), today=DAY, force=True)
+    assert forced.notes == ("drag_area: weakly identified (the model lacks an effect)",)
+    assert "drag_area: 0.6414  #" in forced.files[0].after
+    assert ", weakly identified, data sha256" in forced.files[0].after
+
+
+def test_force_does_not_write_what_is_not_identifiable(bolt: Path) -> None:
+    unknown = _found("drag_area", "m^2", 0.6, verdict="not identifiable")
+    assert not plan_apply(_fit(unknown), str(bolt), today=DAY, force=True).changes
+
+
+def test_the_command_writes_a_weakly_identified_value_with_force_only(
+    bolt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, before = _fit(WEAK).save(tmp_path / "fit"), (bolt / "vehicle.yaml").read_bytes()
+    parser = argparse.ArgumentParser()
+    identify_apply.add_arguments(parser)
+    assert identify_apply.run(parser.parse_args([str(folder), str(bolt)])) == 0
+    shown = capsys.readouterr().out
+    assert "--force writes it\nnothing to write\n" in shown
+    assert (bolt / "vehicle.yaml").read_bytes() == before
+    assert identify_apply.run(parser.parse_args([str(folder), str(bolt), "--force"])) == 0
+    assert "vehicle.yaml: written" in capsys.readouterr().out
+    assert load_vehicle(str(bolt)).spec.aerodynamics.drag_area == 0.6414
+
+
 def test_every_place_of_the_table_is_a_field_of_vehicle_yaml() -> None:
     schema = VehicleSpec.model_json_schema()
     text = str(schema)

@@ -4,9 +4,10 @@ import argparse
 from pathlib import Path
 
 MORE = """\
-FIT is the folder of a fit. Parameters with an entry in vehicle.yaml are written there, and their source into 'sources';
-comments, order and layout stay. Parameters that are fixed, not identifiable, at a bound or without an entry are listed
-with the reason. The difference is printed. Running it again changes nothing. Exit codes: 0 done, 2 bad input.
+FIT is the folder of a fit. Identified parameters with an entry in vehicle.yaml are written there, and their source into
+'sources'; comments, order and layout stay. Weakly identified parameters are written with --force only. Parameters that
+are fixed, not identifiable, at a bound or without an entry are not written. Each of them is listed with the reason. The
+difference is printed. Running it again changes nothing. Exit codes: 0 done, 2 bad input.
 
 examples:
   mirdrake identify apply runs/my_fit bolt --dry-run         show what would change
@@ -19,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("fit", type=Path, metavar="FIT", help="folder of a fit")
     parser.add_argument("name", nargs="?", metavar="VEHICLE", help="name or folder of the vehicle")
     parser.add_argument("--vehicle", metavar="FOLDER", help="the same")
+    parser.add_argument("--force", action="store_true", help="write weakly identified parameters as well")
     parser.add_argument("--dry-run", action="store_true", help="show the difference, write nothing")
 
 
@@ -32,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     vehicle = options.vehicle or options.name
     if vehicle is None:
         raise ConfigError(f"the vehicle is missing: mirdrake identify apply {display_path(options.fit)} --vehicle bolt")
-    change = plan_apply(fit, vehicle)
+    change = plan_apply(fit, vehicle, force=options.force)
     # All notes and differences are printed before the first file is written.
     for line in describe(change):
         print(line)

@@ -81,16 +81,17 @@ class FitChange:
         return any(change.changes for change in self.files)
 
 
-def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChange:
+def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None, force: bool = False) -> FitChange:
     """Return the changes of the files of a vehicle by a fit.
 
-    Parameters that were fixed, are not identifiable, are at a bound, or have no entry in vehicle.yaml are skipped and
-    listed in :attr:`FitChange.skipped`.
+    Parameters that were fixed, are only weakly identified, are not identifiable, are at a bound, or have no entry in
+    vehicle.yaml are skipped and listed in :attr:`FitChange.skipped`.
 
     Args:
         fit: the fit.
         vehicle: name or folder; with ``@<variant>``, entries of the variant are changed in its own file.
         today: date for the source; by default the current date, UTC.
+        force: write weakly identified parameters as well.
 
     Raises:
         ConfigError: unknown vehicle, its files do not load, or an entry does not fit.
@@ -101,7 +102,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     edits: dict[Path, list[Edit]] = {}
     # Values that are fixed, uncertain or without a place in the files stay as they are, each with its reason.
     for parameter in fit.parameters:
-        reason = _skip_reason(parameter, folder)
+        reason = _skip_reason(parameter, folder, force=force)
         if reason:
             left.append(f"{parameter.name}: not written: {reason}")
             continue
@@ -167,7 +168,7 @@ def source_text(fit: Fit, parameter: FittedParameter, place: YamlEntry, today: d
     return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
 
 
-def _skip_reason(parameter: FittedParameter, folder: "_Folder") -> str:
+def _skip_reason(parameter: FittedParameter, folder: "_Folder", *, force: bool) -> str:
     """Return why a parameter is not written; empty if it is."""
     # The order matters: the first reason is the most fundamental one.
     if parameter.kind == "fixed":
@@ -189,7 +190,19 @@ def _skip_reason(parameter: FittedParameter, folder: "_Folder") -> str:
         return f"{parameter.value:g} is not possible there"
     if folder.find(entry.path.rpartition(".")[0])[2] is None and entry.tyres:
         return f"{entry.path.rpartition('.')[0]} is missing in the file and needs further values"
+    # Last, as it is the only reason that --force overrides.
+    if parameter.verdict == "weakly identified" and not force:
+        value = f"{parameter.value:.4g} {entry.unit}{_interval(parameter)}"
+        why = f" ({parameter.explanation})" if parameter.explanation else ""
+        return f"only weakly identified: {value}{why}; --force writes it"
     return ""
+
+
+def _interval(parameter: FittedParameter) -> str:
+    """Return the 95 % interval of a parameter in words; empty without one."""
+    if parameter.low is None or parameter.high is None:
+        return ""
+    return f", 95 % interval {parameter.low:.4g} to {parameter.high:.4g}"
 
 
 def _unit(text: str) -> str:
