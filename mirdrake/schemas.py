@@ -63,7 +63,7 @@ KINDS: dict[str, Kind] = {
         "tuning.yaml",
         "a control loop to tune, tuning/1",
         "tuning/1",
-        "mirdrake.tuning.spec:load_tuning",
+        "mirdrake.tuning.check:load_checked",
     ),
     "learning": Kind(
         "mirdrake.learning.spec:LearningSpec",

@@ -1,5 +1,6 @@
 """The command `mirdrake`: run, list, view, check, draw, as typed in a shell."""
 
+import argparse
 import contextlib
 import os
 import re
@@ -14,6 +15,7 @@ import pytest
 
 from mirdrake.assembly.drawing import layout_command
 from mirdrake.cli import main
+from mirdrake.cli.common import positive_length, positive_time
 from mirdrake.runs.logs import load_run
 
 DRIVE = dedent(
@@ -82,6 +84,20 @@ def test_an_unknown_option_prints_the_usage_of_its_verb(call_command, words, usa
 
 
 @pytest.mark.essential
+def test_times_and_lengths_of_options_take_units() -> None:
+    assert [positive_time(text) for text in ("90", "1.5 min", "90000ms")] == pytest.approx([90.0] * 3)
+    assert positive_length("250 cm") == pytest.approx(2.5)
+    for text, message in {
+        "1 km": "unit 'km' does not fit; allowed: s, ms, min, h",
+        "long": "'long' is not a number in s, or with a unit such as 1 min",
+        "nan": "is not a number",
+        "1e999": "'1e999' is not allowed; expected a positive number in s",
+        "0 s": "'0 s' is not allowed; expected a positive number in s",
+    }.items():
+        with pytest.raises(argparse.ArgumentTypeError, match=message):
+            positive_time(text)
+
+
 def test_run_drives_the_test_track_prints_a_summary_and_names_the_folder(tmp_path: Path) -> None:
     out, err = mirdrake(
         "run", "bolt_test_track", "--set", "duration=1", "--set", "plant.contact=point", folder=tmp_path
@@ -264,6 +280,20 @@ def test_a_study_is_checked_without_its_metrics_functions(
     (tmp_path / "study.yaml").write_text(f"{study}metrics: ['harmful:figure']\n", encoding="utf-8")
     code, out, err = call_command("check", "study.yaml")
     assert not (tmp_path / "executed").exists(), (code, out, err)
+
+
+def test_a_tuning_study_of_a_diagram_with_user_modules_is_checked_without_them(
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    (tmp_path / "own.yaml").write_text(OWN, encoding="utf-8")
+    (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\n", encoding="utf-8")
+    loop = "{diagram: own.yaml, reference: 1, output: half.y, effort: own.y, parameters: [half.gain]}"
+    (tmp_path / "tuning.yaml").write_text(f"mirdrake: tuning/1\nloop: {loop}\n", encoding="utf-8")
+    code, out, err = call_command("check", "tuning.yaml")
+    assert (code, err, (tmp_path / "executed").exists()) == (0, "", False)
+    assert "not checked: harmful" in out
+    assert call_command("check", "tuning.yaml", "--set", "cost={iea: 1}")[0] == 2
+    assert call_command("check", "tuning.yaml", "--trust")[0] == 2  # the module has no such class
 
 
 def test_draw_writes_the_blocks(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:

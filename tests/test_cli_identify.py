@@ -28,7 +28,7 @@ def test_a_study_is_run_and_its_folder_is_complete(tmp_path, capsys):
 
 def test_the_word_run_may_be_given(tmp_path, capsys):
     assert main(["identify", "run", str(tmp_path / "none.yaml")]) == 2
-    assert "none.yaml'; expected: a .yaml file" in capsys.readouterr().err
+    assert "none.yaml': no such file" in capsys.readouterr().err
     assert main(["identify", str(tmp_path / "none.yaml")]) == 2
 
 

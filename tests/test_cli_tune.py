@@ -41,6 +41,26 @@ def test_options_may_be_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert "no figure 'iea'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("constraints={overshot: 5}", "constraints.overshot: no figure 'overshot'; did you mean 'overshoot"),
+        ("cost={iea: 1}", "cost.iea: no figure 'iea'"),
+        ("search.ranges={kq: {low: 1, high: 2}}", "search.ranges.kq: no gain 'kq'"),
+        ("test.load_time=9", "test.load_time: 9 s is not between"),
+    ],
+)
+def test_check_finds_what_tune_finds(
+    change: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = write(tmp_path, SHORT.format(loop="speed"))
+    assert main(["tune", study, "--set", change, "--workers", "0", "--out", str(tmp_path / "out")]) == 2
+    of_tune = capsys.readouterr().err
+    assert message in of_tune
+    assert main(["check", study, "--set", change]) == 2
+    assert capsys.readouterr().err == of_tune
+
+
 def test_a_missing_study(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "nowhere.yaml"]) == 2
     assert "nowhere.yaml" in capsys.readouterr().err

@@ -82,9 +82,24 @@ def test_names_are_sorted_and_a_model_needs_its_vehicle_yaml(tmp_path: Path, mon
         ("worlds", "ovall", "drive.yaml:3: world: unknown world 'ovall'; did you mean 'oval'? (allowed: oval)"),
         ("worlds", "", "drive.yaml:3: world: unknown world ''; allowed: oval"),
         ("worlds", "~nobody-here", "drive.yaml:3: world: unknown world '~nobody-here'; allowed: oval"),
-        ("worlds", "a/oval.yaml", "drive.yaml:3: world: no world at 'a/oval.yaml'; expected: a .yaml file"),
-        ("worlds", "oval.yml", "drive.yaml:3: world: no world at 'oval.yml'; expected: a .yaml file"),
-        ("models", "x/y", "drive.yaml:3: world: no vehicle at 'x/y'; expected: a folder with a vehicle.yaml"),
+        ("worlds", "a/oval.yaml", "drive.yaml:3: world: no world at 'a/oval.yaml': no such folder 'a'"),
+        ("worlds", "oval.yml", "drive.yaml:3: world: no world at 'oval.yml': no such file"),
+        (
+            "worlds",
+            "worlds/ovl.yaml",
+            "drive.yaml:3: world: no world at 'worlds/ovl.yaml': no such file; did you mean 'worlds/oval.yaml'?",
+        ),
+        (
+            "worlds",
+            "worlds/oval",
+            "drive.yaml:3: world: no world at 'worlds/oval': no such file or folder; did you mean 'worlds/oval.yaml'?",
+        ),
+        (
+            "models",
+            "models/tapr",
+            "drive.yaml:3: world: no vehicle at 'models/tapr': no such folder; did you mean 'models/tapir'?",
+        ),
+        ("models", "worlds/", "drive.yaml:3: world: no vehicle at 'worlds/'; expected: a folder with a vehicle.yaml"),
         ("diagrams", "lap", "drive.yaml:3: world: unknown diagram 'lap'; nothing is available here"),
     ],
 )
@@ -95,6 +110,7 @@ def test_the_error_of_an_unknown_name_lists_the_available_ones(
     monkeypatch.delenv("MIRDRAKE_PATH", raising=False)
     monkeypatch.chdir(tmp_path)
     _world(tmp_path, "oval")
+    _model(tmp_path, "tapir")
     with pytest.raises(ConfigError) as caught:
         paths.find(kind, name, where="drive.yaml:3: world")
     assert str(caught.value) == message

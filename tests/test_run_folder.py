@@ -23,6 +23,7 @@ from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.paths import names
 from mirdrake.core.user_modules import import_user_module
+from mirdrake.core.user_systems import make_user_system
 from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.runs.summary import drive_figures, missed_speed
@@ -359,6 +360,56 @@ def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(
     assert "ZeroDivisionError" in run.stop.detail
     assert run.signals.index[-1] >= 0.75
     assert run.events[-1]["kind"] == "failure"
+    assert main(["run", faulty_drive.name, "--out", "out"]) == 2
+    assert capsys.readouterr().err.startswith("error: out: holds a failed run, which can be deleted")
+
+
+def test_a_number_of_an_own_block_is_not_text(
+    faulty_drive: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(faulty_drive.parent)
+    faulty_drive.write_text(FAULTY_DRIVE.replace("at: 0.8", "at: 0.8 s"), encoding="utf-8")
+    assert main(["check", "--trust", faulty_drive.name]) == 2
+    err = capsys.readouterr().err
+    assert err == "error: faulty.yaml:5: systems.faulty.at is text '0.8 s'; Faulty takes a number, in SI units\n"
+
+
+@pytest.mark.parametrize(
+    ("argument", "is_number"),
+    [
+        ("value=1.5", True),
+        ("value: float", True),
+        ("value: 'float | None' = None", True),
+        ("value: float | None = None", True),
+        ("value: typing.Optional[int] = 3", True),
+        ("value=True", False),
+        ("value='fast'", False),
+        ("value: float | str = 1.5", False),
+        ("value: list[float] = ()", False),
+        ("value: typing.Any = 1.5", False),
+        ("value", False),
+    ],
+)
+def test_the_annotation_or_else_the_default_makes_a_parameter_a_number(
+    argument: str, is_number: bool, tmp_path: Path
+) -> None:
+    text = f"""\
+        import typing
+        from pydrake.systems.framework import LeafSystem
+        class Block(LeafSystem):
+            def __init__(self, {argument}):
+                super().__init__()
+        """
+    (tmp_path / "numeric_block.py").write_text(dedent(text), encoding="utf-8")
+
+    def make() -> object:
+        return make_user_system("numeric_block:Block", {"value": "2 m"}, where="a.yaml:1: systems.b", folder=tmp_path)
+
+    if is_number:
+        with pytest.raises(ConfigError, match=r"^a.yaml:1: systems.b: value is text '2 m'; Block takes a number"):
+            make()
+    else:
+        make()
 
 
 @pytest.mark.parametrize("how", ["SystemExit", "GeneratorExit", "own"])
@@ -379,6 +430,16 @@ def test_whatever_a_module_raises_on_import_names_the_module(what: str, tmp_path
     (tmp_path / "leaving_module.py").write_text(f"raise {what}\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="module 'leaving_module' fails on import"):
         import_user_module("leaving_module", folder=tmp_path)
+
+
+def test_a_misspelt_module_is_reported_with_its_neighbour_and_the_folder(
+    faulty_drive: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(faulty_drive.parent.parent)
+    with pytest.raises(ConfigError) as caught:
+        import_user_module("own_fauty", folder=faulty_drive.parent)
+    hint = f"did you mean 'own_faulty'? (searched: {faulty_drive.parent.name}, ., and the import path of Python)"
+    assert str(caught.value) == f"module 'own_fauty' cannot be imported: No module named 'own_fauty'; {hint}"
 
 
 def test_a_nan_in_the_steering_ends_the_run_with_a_reason(

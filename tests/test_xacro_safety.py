@@ -449,6 +449,14 @@ def test_a_hostile_yaml_file_is_an_error_in_time(text, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+def test_a_text_in_place_of_a_number_is_reported_with_its_place_in_the_yaml_file(tmp_path):
+    (tmp_path / "c.yaml").write_text("drive: 5\nbrakes:\n  torque: 105.9 N m\n", encoding="utf-8")
+    body = """<xacro:property name="values" value="${xacro.load_yaml('c.yaml')}"/>
+        <xacro:property name="torque" value="${values.brakes.torque}"/><link name="${torque * 0.5}"/>"""
+    with pytest.raises(ModelError, match=r"torque is text '105\.9 N m' \(\S*c\.yaml:3: brakes\.torque\), not a number"):
+        render(tmp_path, body)
+
+
 def test_yaml_is_read_in_the_package_and_in_packages_that_were_found(tmp_path):
     (tmp_path / "car" / "urdf").mkdir(parents=True)
     (tmp_path / "car" / "config").mkdir()

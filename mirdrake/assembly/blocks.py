@@ -191,7 +191,7 @@ def make_block(
     if factory is not None:
         return construct(factory, kind, where=where)
     if ":" in kind:
-        return make_user_system(kind, parameters, where=where, folder=folder)
+        return make_user_system(kind, parameters, where=where, folder=folder, locate=lambda name: source.where(name))
     if kind not in BLOCKS:
         words = did_you_mean(kind, BLOCKS)
         raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError, RunError, did_you_mean
-from mirdrake.core.paths import names
-from mirdrake.core.yaml_io import display_path
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.paths import missing_file, names
+from mirdrake.core.yaml_io import display_path, to_si
 
 if TYPE_CHECKING:
     from mirdrake.assembly.diagram import Assembly
@@ -93,15 +93,28 @@ def whole_number(low: int, high: int = 100_000) -> Any:
     return parse
 
 
-def positive_time(text: str) -> float:
-    """Return a positive finite time [s]; the type of an option."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed; expected a positive time in s")
-    return value
+def positive_quantity(unit: str, example: str) -> Any:
+    """Return a type of an option: a positive finite number in an SI unit, or with a unit as in YAML files."""
+
+    def parse(text: str) -> float:
+        try:
+            value = to_si(text, unit)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"'{text}': {error}") from None
+        if not isinstance(value, float):
+            raise argparse.ArgumentTypeError(f"'{text}' is not a number in {unit}, or with a unit such as {example}")
+        if not 0.0 < value < math.inf:
+            raise argparse.ArgumentTypeError(f"'{text}' is not allowed; expected a positive number in {unit}")
+        return value
+
+    return parse
+
+
+positive_time = positive_quantity("s", "1 min")
+"""Type of an option: a positive finite time [s], also with a unit."""
+
+positive_length = positive_quantity("m", "250 cm")
+"""Type of an option: a positive finite length [m], also with a unit."""
 
 
 def parse_pairs(option: str, texts: Sequence[str], example: str = "") -> dict[str, str]:
@@ -163,6 +176,8 @@ def kind_of(name: str) -> str:
         if name in names(kind):
             return kind
     known = [name for kind in ("models", "worlds", "diagrams", "studies") for name in names(kind)]
+    if not path.exists() and (os.sep in name or path.suffix in {".yaml", ".yml"}):
+        raise ConfigError(f"'{name}': {missing_file(path)}")
     raise ConfigError(f"unknown name '{name}'; {did_you_mean(name, known)}")
 
 
@@ -172,11 +187,12 @@ def new_folder(given: Path | None, stem: str) -> Path:
     Raises:
         RunError: the given folder is not empty.
     """
+    from mirdrake.runs.logs import occupied
     from mirdrake.runs.simulation import default_folder
 
     folder = given or default_folder(stem)
     if folder.exists() and any(folder.iterdir()):
-        raise RunError(f"{folder}: is not empty; choose another folder with --out")
+        raise occupied(folder)
     return folder
 
 

@@ -50,7 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     parser.add_argument("--pages", action=argparse.BooleanOptionalAction, default=True,
                         help="write recording.html and report.html of each recorded run at the end")  # fmt: skip
-    parser.add_argument("--duration", type=positive_time, metavar="S", help="end after this time [s]")
+    parser.add_argument(
+        "--duration", type=positive_time, metavar="S", help="end after this time [s], or with a unit (1 min)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

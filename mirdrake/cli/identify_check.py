@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from mirdrake.cli.common import add_quiet, parse_names
+from mirdrake.cli.common import add_quiet, parse_names, positive_length
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path, load_yaml, read_tree
@@ -27,7 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--time", metavar="COLUMN[:UNIT]", help="time column of a log (default: time)")
     parser.add_argument("--step", metavar="STEP", help="sample time of a log without a time column, e.g. '10 ms'")
-    parser.add_argument("--wheelbase", type=float, metavar="METRES", help="front to rear axle, to check the steering")
+    parser.add_argument(
+        "--wheelbase",
+        type=positive_length,
+        metavar="METRES",
+        help="front to rear axle [m], or with a unit, to check the steering",
+    )
     parser.add_argument("--repairs", metavar="NAMES", help="repairs to make, comma-separated, or none")
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with a picture of each channel")
     add_quiet(parser)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.cli.common import parse_pairs
+from mirdrake.cli.common import parse_pairs, positive_time
 from mirdrake.core.json_io import Json
 from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path, shortest_name
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--convex-time",
-        type=float,
+        type=positive_time,
         default=60.0,
         metavar="S",
         help="time limit of convex decomposition [s]; the remaining collision meshes become convex hulls (default: 60)",

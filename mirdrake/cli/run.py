@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=positive_time,
         metavar="S",
-        help="simulated time [s] instead of the file's; its `laps` end the run earlier, unless --set laps=null",
+        help="simulated time [s], or with a unit (1 min); `laps` of the file end it earlier, unless --set laps=null",
     )
     parser.add_argument(
         "--commands",

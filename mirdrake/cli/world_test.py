@@ -60,7 +60,9 @@ def add_test_options(parser: argparse.ArgumentParser) -> None:
         "-j", "--jobs", type=whole_number(1), default=core_count(), metavar="N", help="processes (%(default)s)"
     )
     add_param(parser, type=_parameter)
-    parser.add_argument("--timeout", type=positive_time, metavar="S", help="largest wall time of a case [s]")
+    parser.add_argument(
+        "--timeout", type=positive_time, metavar="S", help="largest wall time of a case [s], or with a unit"
+    )
     add_quiet(parser)
 
 

@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, closest, did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -93,8 +93,35 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         return known[name]
     if os.sep in name or is_yaml:
         wanted = "a folder with a vehicle.yaml" if kind == "models" else "a .yaml file"
-        raise ConfigError(f"{prefix}no {noun} at '{name}'; expected: {wanted}")
+        if _exists(as_path):
+            raise ConfigError(f"{prefix}no {noun} at '{name}'; expected: {wanted}")
+        raise ConfigError(f"{prefix}no {noun} at '{name}': {missing_file(as_path, kind)}")
     raise ConfigError(f"{prefix}unknown {noun} '{name}'; {did_you_mean(name, known)}")
+
+
+def _exists(path: Path) -> bool:
+    """Return whether a path exists; False for a name that a file cannot have."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def missing_file(path: Path, kind: str = "") -> str:
+    """Return the reason why a path leads to nothing, with the most similar file or vehicle of its folder.
+
+    Args:
+        path: it does not exist.
+        kind: "models" for vehicles only, another kind for .yaml files only; "" for both.
+    """
+    folder = path.parent
+    if not folder.is_dir():
+        return f"no such folder '{folder}'"
+    files = [] if kind == "models" else [*folder.glob("*.yaml"), *folder.glob("*.yml")]
+    vehicles = [file.parent for file in folder.glob("*/vehicle.yaml")] if kind in {"", "models"} else []
+    near = closest(path.name, [entry.name for entry in (*files, *vehicles) if not is_hidden(entry.name)])
+    what = "no such folder" if kind == "models" else "no such file" if path.suffix else "no such file or folder"
+    return f"{what}; did you mean '{folder / near}'?" if near else what
 
 
 def _is_file(path: Path) -> bool:

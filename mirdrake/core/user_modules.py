@@ -2,14 +2,14 @@
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, closest, did_you_mean
 
 __all__ = ["import_user_module", "load_user_function", "without_user_code"]
 
@@ -56,7 +56,8 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
         module = importlib.import_module(name)
         _FOREIGN.add(name)
     except ImportError as error:
-        raise ConfigError(f"module '{name}' cannot be imported: {error}") from None
+        hint = _not_found(name, folders) if error.name in {name, name.partition(".")[0]} else ""
+        raise ConfigError(f"module '{name}' cannot be imported: {error}{hint}") from None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also SystemExit and GeneratorExit
@@ -66,6 +67,11 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
         for path in extra:
             sys.path.remove(path)
     return module
+
+
+def skipped_modules() -> Sequence[str]:
+    """Return the modules that were skipped so far within :func:`without_user_code`; none outside of it."""
+    return tuple(_SKIPPED.get() or ())
 
 
 def load_user_function(name: str, *, folder: str | Path | None = None) -> Callable[..., Any]:
@@ -89,6 +95,22 @@ def load_user_function(name: str, *, folder: str | Path | None = None) -> Callab
         known = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
         raise ConfigError(f"no function '{function_name}' in {module_name}; {did_you_mean(function_name, known)}")
     return function  # type: ignore[no-any-return]
+
+
+def _not_found(name: str, folders: list[Path]) -> str:
+    """Return the tail of the error of a module that does not exist: the most similar one, and where it was searched."""
+    near = closest(name, sorted({file.stem for folder in folders for file in folder.glob("*.py")}))
+    places = ", ".join(dict.fromkeys(str(folder) for folder in map(_shown, folders)))
+    hint = f"; did you mean '{near}'?" if near else ""
+    return f"{hint} (searched: {places}, and the import path of Python)"
+
+
+def _shown(folder: Path) -> str:
+    """Return a folder relative to the working directory if it is below that."""
+    try:
+        return str(folder.resolve().relative_to(Path.cwd()))
+    except (OSError, RuntimeError, ValueError):
+        return str(folder)
 
 
 def _not_executed(*_: Any, **__: Any) -> Any:

@@ -1,6 +1,7 @@
 """User systems: classes in user modules, named ``module:Class``."""
 
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ def make_user_system(
     where: str,
     folder: Path | None = None,
     offered: Mapping[str, Any] | None = None,
+    locate: Callable[[str], str] | None = None,
 ) -> System:
     """Construct a user system.
 
@@ -27,9 +29,11 @@ def make_user_system(
         where: ``file:line: path`` of the entry, for errors.
         folder: searched for the module besides the import path and the working directory.
         offered: further arguments, which are passed if the constructor has parameters of these names.
+        locate: returns ``file:line: path`` of a parameter, for errors; without it they have `where`.
 
     Raises:
-        ConfigError: the module or class does not exist, or its constructor rejects the parameters.
+        ConfigError: the module or class does not exist, a number is given as text, or the constructor rejects the
+            parameters.
     """
     maker, offered = _load_class(kind, where=where, folder=folder), offered or {}
     arguments = dict(parameters)
@@ -42,6 +46,13 @@ def make_user_system(
             if name not in allowed:
                 known = [own for own in allowed if own not in offered]
                 raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, known)}")
+    # Code would use the text in a computation and fail in the middle of a run.
+    for argument in named:
+        value = arguments.get(argument.name)
+        if isinstance(value, str) and _takes_number(argument):
+            location = locate(argument.name) if locate is not None else f"{where}: {argument.name}"
+            class_name = kind.rpartition(":")[2]
+            raise ConfigError(f"{location} is text '{value}'; {class_name} takes a number, in SI units")
     # The user's parameters win over the offered ones.
     arguments = {name: value for name, value in offered.items() if name in allowed} | arguments
     return construct(lambda: maker(**arguments), kind, where=where)
@@ -77,6 +88,17 @@ def _named(maker: type[System]) -> tuple[inspect.Parameter, ...]:
         return tuple(inspect.signature(maker).parameters.values())
     except ValueError:  # C++ classes have no signature
         return ()
+
+
+def _takes_number(argument: inspect.Parameter) -> bool:
+    """Return whether a parameter is a number by its annotation; by its default if it has no annotation."""
+    if argument.annotation is argument.empty:
+        return isinstance(argument.default, int | float) and not isinstance(argument.default, bool)
+    # Types, unions, and the texts that `from __future__ import annotations` makes of them, have the same names.
+    annotation = argument.annotation
+    types = set(re.findall(r"\w+", annotation.__name__ if isinstance(annotation, type) else str(annotation)))
+    types -= {"None", "NoneType", "typing", "Optional", "Union"}
+    return bool(types) and types <= {"int", "float"}
 
 
 def construct(factory: Callable[[], System], kind: str, *, where: str) -> System:

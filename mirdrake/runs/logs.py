@@ -35,7 +35,7 @@ import yaml
 from numpy.typing import NDArray
 
 from mirdrake.assembly.scene import Scene, read_scene, write_scene
-from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean
 from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.recording.arrays import RunArrays
@@ -317,6 +317,17 @@ def _read_events(folder: Path) -> list[Event]:
     return [cast(Event, _mapping(parse_json(line))) for line in lines if line.endswith("\n")]
 
 
+def occupied(folder: Path) -> RunError:
+    """Return the error of a folder for new results that is not empty."""
+    try:
+        summary = parse_json((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError, MirdrakeError):
+        summary = None
+    failed = isinstance(summary, dict) and summary.get("stop_reason") == StopReason.FAILED
+    reason = "holds a failed run, which can be deleted; do so, or" if failed else "is not empty;"
+    return RunError(f"{folder}: {reason} choose another folder with --out")
+
+
 class RunWriter:
     """Writer of a run folder during the run.
 
@@ -338,7 +349,7 @@ class RunWriter:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
-                raise RunError(f"{folder}: is not empty; choose another folder with --out")
+                raise occupied(folder)
         except OSError as error:
             raise RunError(f"{folder}: cannot be created: {error.strerror}; choose another folder with --out") from None
         try:

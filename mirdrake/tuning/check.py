@@ -2,12 +2,35 @@
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.user_modules import skipped_modules
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
-from mirdrake.tuning.loops.registry import LOOP_KINDS
-from mirdrake.tuning.spec import AT_LEAST, FIGURES, PUBLISHED, TuningSpec
+from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
+from mirdrake.tuning.spec import AT_LEAST, FIGURES, PUBLISHED, TuningSpec, load_tuning
+
+
+def load_checked(path: Path | str, *, overrides: Iterable[str] = ()) -> TuningSpec:
+    """Load a tuning file and check it with its loop, vehicle and world, as before any test.
+
+    A loop whose user modules are skipped is not checked; see :func:`mirdrake.core.user_modules.without_user_code`.
+
+    Raises:
+        ConfigError, ModelError, WorldError: the study, its vehicle or its world has faults.
+    """
+    spec = load_tuning(path, overrides=overrides)
+    _check_cost(spec)
+    skipped = len(skipped_modules())
+    try:
+        loop = make_loop_spec(spec)
+    except ConfigError:
+        if len(skipped_modules()) > skipped:
+            return spec
+        raise
+    check_study(spec, loop)
+    return spec
 
 
 def check_study(spec: TuningSpec, loop: LoopSpec) -> None:

@@ -60,6 +60,7 @@ class Evaluator:
         argument: value of an argument, for ``xacro.arg``.
         warn: gets the texts of ``xacro.message``, ``xacro.warning`` and ``xacro.error``.
         tick: called all along an evaluation; raises an error when no time is left.
+        origin: returns the place of a text of a YAML file, for messages; "" if it is not known.
     """
 
     def __init__(
@@ -70,6 +71,7 @@ class Evaluator:
         argument: Callable[[str], Any],
         warn: Callable[[str], None],
         tick: Callable[[], None] = lambda: None,
+        origin: Callable[[str], str] = lambda _: "",
     ) -> None:
         def forward(*texts: Any) -> str:
             warn(" ".join(map(text_of, texts)))
@@ -108,7 +110,7 @@ class Evaluator:
         self._names: dict[str, object] = {**MATH, **PYTHON, **direct, **spaces}
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(entry) for entry in self._functions if callable(entry)}
-        self._tick = tick
+        self._tick, self._origin = tick, origin
         self._steps, self._until, self._nested = 0, 0.0, 0
         self._symbols: Any = {}
         self._first: Mapping[str, Any] = {}
@@ -258,7 +260,15 @@ class Evaluator:
         left, right = self._value(node.left, local, depth), self._value(node.right, local, depth)
         if type(node.op) not in BINARY:
             raise XacroException("the operator @ is not allowed in an expression")
-        return BINARY[type(node.op)](left, right)
+        try:
+            return BINARY[type(node.op)](left, right)
+        except TypeError:
+            # Python's message would name neither the text nor its place; the text of a YAML file may have a unit.
+            for part, value in ((node.left, left), (node.right, right)):
+                if isinstance(value, str):
+                    name = f"{ast.unparse(part)} is " if isinstance(part, ast.Name | ast.Attribute) else ""
+                    raise TypeError(f"{name}text {value!r}{self._origin(value)}, not a number") from None
+            raise
 
     def _boolean(self, node: ast.BoolOp, local: Mapping[str, Any], depth: int) -> Any:
         value = None

@@ -102,7 +102,7 @@ class Urdf:
 
 @dataclass
 class _Expansion:
-    """State of an expansion: places, arguments, files, warnings and limits."""
+    """State of an expansion: places, arguments, files, warnings, limits, and the places of texts of YAML files."""
 
     given: frozenset[str] = frozenset()
     places: list[Place] = field(default_factory=list)
@@ -117,6 +117,7 @@ class _Expansion:
     began: float = field(default_factory=time.thread_time)
     elements: int = 0
     characters: int = 0
+    texts: dict[str, tuple[str, int, tuple[str, ...]]] = field(default_factory=dict)
 
     def tick(self) -> None:
         """Raise an error when the time of the expansion is over."""
@@ -227,12 +228,36 @@ class _Expansion:
                 raise xacro.XacroException(
                     f"load_yaml: {display_path(path)}: more than {LARGEST} values, aliases expanded"
                 )
+            if node is not None:
+                self._note_texts(node, display_path(path), (), set())
             loader = _Yaml("")
             return xacro.YamlListWrapper.wrap(None if node is None else loader.construct_document(node))
         except (yaml.YAMLError, ValueError, TypeError) as error:
             raise xacro.XacroException(f"load_yaml: {display_path(path)}: {_one_line(error)}") from None
         finally:
             xacro.filestack.pop()
+
+    def origin(self, text: str) -> str:
+        """Return the place of a text of a YAML file as the tail of a message; "" if it comes from elsewhere."""
+        if text not in self.texts:
+            return ""
+        name, line, keys = self.texts[text]
+        return f" ({name}:{line}: {'.'.join(keys)})"
+
+    def _note_texts(self, node: yaml.Node, name: str, keys: tuple[str, ...], seen: set[int]) -> None:
+        """Remember the place of each text of a YAML document, for errors of expressions that need a number."""
+        if id(node) in seen:
+            return
+        seen.add(id(node))
+        if isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:str":
+            self.texts.setdefault(node.value, (name, node.start_mark.line + 1, keys))
+        elif isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                step = str(key.value) if isinstance(key, yaml.ScalarNode) else "?"
+                self._note_texts(value, name, (*keys, step), seen)
+        elif isinstance(node, yaml.SequenceNode):
+            for index, value in enumerate(node.value):
+                self._note_texts(value, name, (*keys, str(index)), seen)
 
     def found(self, package: str) -> str:
         """Return the folder of a package, for ``$(find package)``."""
@@ -407,6 +432,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         argument=lambda name: arguments["arg"][name],
         warn=lambda text: note.warnings.append(f"{note.where()}: {text}"),
         tick=note.tick,
+        origin=note.origin,
     )
 
     # xacro has no hooks: its functions are replaced by ones that note the position and count before they call it.
