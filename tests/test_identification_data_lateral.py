@@ -12,6 +12,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification import DataSet, Log, check_data
 from mirdrake.identification.identify import reject_poor_fit
 from mirdrake.identification.lateral_delays import estimate_lateral_delays
+from mirdrake.identification.plausibility import check_lateral_velocity
 from mirdrake.identification.relations import make_grid
 from tests.test_identification_data import STEP, checked, recorded
 
@@ -69,6 +70,49 @@ def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_reported(factor, 
     else:
         assert finding[0].value == pytest.approx(factor, rel=0.1)
         assert f"instead of {factor * STEP:.3g} s" in finding[0].text
+
+
+def rolling(*, late=0.0, scale=1.0, known=("roll_rate", "yaw")):
+    """Return the motion of a robot at 3 m/s whose steering excites its roll at 2.7 Hz, without noise.
+
+    Every signal is a sum of sines with its frequency response: roll by φ'' + 2 ζ ω φ' + ω² φ = ω² k ay, and the
+    accelerometer is 0.27 m ahead of the place of vy and 0.18 m above it.
+
+    Args:
+        late: delay of the accelerometer [s].
+        scale: error of vy as a factor.
+        known: further channels of the log.
+    """
+    time, v, random = np.arange(0.0, 60.0, STEP), 3.0, np.random.default_rng(4)
+    w = 2.0 * np.pi * np.linspace(0.2, 3.5, 23)
+    phasor = 0.25 * np.exp(2j * np.pi * random.random(len(w))) / (1.0 + 0.1j * w)
+    s, natural = 1j * w, 2.0 * np.pi * 2.7
+    vy = phasor * (0.3 - 0.03 * s) / (1.0 + 0.05 * s)
+    ay = v * phasor + s * vy
+    roll = 0.008 * ay * natural**2 / (s**2 + 0.6 * natural * s + natural**2)
+    measured = (ay + 0.27 * s * phasor - 0.18 * s**2 * roll) * np.exp(-late * s)
+    parts = {"vy": scale * vy, "yaw_rate": phasor, "lateral_acceleration": measured}
+    parts |= {name: {"roll_rate": s * roll, "yaw": phasor / s}[name] for name in known}
+    waves = np.exp(1j * np.outer(time, w))
+    channels = {name: np.ascontiguousarray((waves @ values).real) for name, values in parts.items()}
+    return Log("drive", "train", time, {"vx": np.full(len(time), v), **channels})
+
+
+@pytest.mark.parametrize("known", [("roll_rate", "yaw"), ("roll_rate",)])
+def test_roll_at_its_natural_frequency_is_neither_a_scale_of_vy_nor_a_delay(known):
+    report = checked(rolling(known=known))
+    assert not report.of("kinematics", "vy, lateral_acceleration")
+    assert not [finding for finding in report.of("delay") if finding.repair]
+    (late,) = [finding for finding in checked(rolling(late=0.01, known=known)).of("delay") if finding.repair]
+    assert late.repair.startswith("shifted lateral_acceleration by -")
+    assert late.value == pytest.approx(0.01, abs=0.002)
+
+
+def test_a_true_step_is_not_proposed_if_another_relation_excludes_it():
+    (finding,) = check_lateral_velocity(rolling(scale=0.5))
+    assert finding.text.endswith("2 times the change of vy: vy is too small by that factor; write a scale")
+    (either,) = check_lateral_velocity(rolling(scale=0.5, known=("roll_rate",)))
+    assert "vy is too small by that factor, or the true step is 0.00498 s instead of 0.01 s" in either.text
 
 
 @pytest.mark.parametrize("ahead", [0.0, 1.4])

@@ -80,6 +80,16 @@ def _quantised(f: Figures) -> str:
     return text + (", the resolution of single precision at this magnitude" if f["single_precision"] else "")
 
 
+def _lateral_velocity(f: Figures) -> str:
+    gain = float(f["gain"])
+    text = f"lateral_acceleration and yaw_rate give {gain:.2g} times the change of vy: vy is too "
+    text += "small by that factor" if gain > 1.0 else f"large by the factor {1.0 / gain:.2g}"
+    if not f["is_step"]:
+        return f"{text}; write a scale"
+    true = f"{float(f['true_step']):.3g} s instead of {float(f['step']):.3g} s"
+    return f"{text}, or the true step is {true}; write a scale, or 'time: {{step: …}}'"
+
+
 def _true_step(f: Figures) -> str:
     text = f"the true step is {f['step']:.5g} s, {f['factor']:.4g} times the stated {f['stated']:.5g} s: {f['reasons']}"
     return text + (f": a clock {f['clock']}?" if f["clock"] else "")
@@ -175,8 +185,7 @@ FINDINGS: dict[str, Text] = {
     "steering_scale": _steering_scale,
     "gyro_bias": "reads {value:+.3g} rad/s at standstill: the bias of a gyro, estimate an offset",
     "velocity_position": lambda f: f"vy is measured {_position(f)} the rear axle, if tyres slip linearly",
-    "lateral_velocity": "lateral_acceleration and yaw_rate give {gain:.2g} times the change of vy: vy is too small by "
-    "that factor, or the true step is {true_step:.3g} s instead of {step:.3g} s; write 'time: {{step: …}}', or a scale",
+    "lateral_velocity": _lateral_velocity,
     "velocity_sign": "vy changes against lateral_acceleration and yaw_rate (correlation {correlation:.2f}): wrong sign",
     "path_direction": "the path turns right where the yaw rate is to the left (correlation {correlation:.2f}): wrong "
     "sign of x or of y",

@@ -5,6 +5,9 @@ lateral acceleration::
 
     ay = vx r + dvy/dt + d dr/dt + h k d²ay/dt²
 
+The last term is the roll acceleration of quasi-steady roll. If the roll rate p is logged, the term h dp/dt is added,
+which also holds near the natural frequency of roll.
+
 A delay of vy, a delay of ay and another position of a sensor look alike: at one speed v, a distance d is a delay d / v.
 So position, scales and roll are free in every hypothesis, and a delay is one only if the logs distinguish it from them:
 of the hypotheses (no delay, ay, vy, yaw rate) that of the least Bayesian information criterion counts
@@ -190,6 +193,8 @@ class _LogSet:
 
     def __init__(self, grids: Sequence[Grid], forward: str) -> None:
         self._grids, self._forward = [_most_active(grid) for grid in grids], forward
+        # The roll rate counts only if it is known everywhere, so that its coefficient is the same height everywhere.
+        self._rolls = all("roll_rate" in grid.channels for grid in grids)
         self._smoothed: dict[float, list[_SmoothedLog]] = {}
         coarsest = max((grid.step for grid in grids), default=0.0)
         self.widths = sorted({max(width, 2.0 * coarsest) for width in WIDTHS})
@@ -208,21 +213,23 @@ class _LogSet:
         independent, so it neither causes a delay nor makes one look certain.
         """
         if width not in self._smoothed:
-            made = [_SmoothedLog(grid, self._forward, width) for grid in self._grids]
+            made = [_SmoothedLog(grid, self._forward, width, rolls=self._rolls) for grid in self._grids]
             self._smoothed[width] = [drive for drive in made if drive.count > 0]
         drives = self._smoothed[width]
         count = sum(drive.count for drive in drives)
         if count < MIN_ROWS:
             return None
         step = max(drive.step for drive in drives)
-        # Unknowns: both delays, arm, two scales, an offset, height; each with a normal prior, infinite for the offset.
+        # Unknowns: both delays, arm, two scales, an offset, height times roll angle over acceleration, and with a roll
+        # rate the height; each with a normal prior, infinite for the offset.
         # Scales of position and roll follow the size of the vehicle, for which its usual speed is the measure.
         usual = np.sqrt(np.mean(np.concatenate([grid.channels[self._forward] for grid in self._grids]) ** 2))
         reach = min(POSITION_TIME * float(usual), MAX_POSITION)
-        wide = (MAX_DELAY, MAX_DELAY, MAX_POSITION, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2)
+        wide = np.array([MAX_DELAY, MAX_DELAY, MAX_POSITION, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2])
+        wide = np.append(wide, [MAX_POSITION] * self._rolls)
         # A tiny deviation of the prior fixes an unknown at zero without changing the size of the equations.
         delayed = (free.acceleration, free.velocity and not free.of_yaw_rate)
-        widths = np.where([*delayed, free.arm, True, True, True, True], wide, 1e-9)
+        widths = np.where([*delayed, free.arm, *[True] * (len(wide) - 3)], wide, 1e-9)
         unknown, lag = np.zeros(len(wide)), ROLL_LAG * reach
 
         def compared(half: int) -> list[Array]:
@@ -300,7 +307,7 @@ def _sizes(matrix: Array) -> Array:
 class _SmoothedLog:
     """One log, smoothed, as two halves of its rows."""
 
-    def __init__(self, grid: Grid, forward: str, width: float) -> None:
+    def __init__(self, grid: Grid, forward: str, width: float, *, rolls: bool) -> None:
         rows = width / grid.step
         # Smoothed rows are redundant: two per width keep the information.
         thin = max(1, int(0.5 * rows))
@@ -309,7 +316,7 @@ class _SmoothedLog:
         self.count = -(-len(grid.channels["vy"]) // thin) - 2 * margin
         if self.count > 0:
             self._inner = slice(margin, margin + self.count)
-            self._halves = [_Half(grid, forward, rows, thin, part) for part in range(2)]
+            self._halves = [_Half(grid, forward, rows, thin, part, rolls=rolls) for part in range(2)]
 
     def compared(self, half: int, unknown: Array, lag: float, late: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals, slopes and dvy/dt of a half, with a lag of roll [s]."""
@@ -319,7 +326,7 @@ class _SmoothedLog:
 class _Half:
     """Every second row of the channels, smoothed."""
 
-    def __init__(self, grid: Grid, forward: str, rows: float, thin: int, part: int) -> None:
+    def __init__(self, grid: Grid, forward: str, rows: float, thin: int, part: int, *, rolls: bool) -> None:
         size = len(grid.channels["vy"])
         use = (np.arange(size) % 2 == part).astype(float)
         # Normalised by the smoothed mask, so that leaving out every second row causes no bias, also at the ends.
@@ -337,9 +344,10 @@ class _Half:
         self.spin = np.gradient(self.turn, step)
         sides = (soft(grid.channels["lateral_acceleration"]), np.gradient(soft(grid.channels["vy"]), step))
         self.curves = [Spline(values) for values in sides]
+        self.roll_accelerations = [np.gradient(soft(grid.channels["roll_rate"]), step)] if rolls else []
 
     def compared(self, unknown: Array, inner: slice, lag: float, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
-        """Return residuals (n) of ``dvy/dt - ay + vx r + …``, their negative slopes (n, 7), and dvy/dt."""
+        """Return residuals (n) of ``dvy/dt - ay + vx r + …``, their negative slopes (n, 7 or 8), and dvy/dt."""
         # A late yaw rate is modelled as one common delay of both other channels, with the opposite sign.
         moved = unknown[[0, 0] if hypothesis.of_yaw_rate else [0, 1]] / self.step
         push, rise = (curve.at(inner, late) for curve, late in zip(self.curves, moved, strict=True))
@@ -362,6 +370,7 @@ class _Half:
                 roll_lag - whirl,
                 np.ones(len(push)),
                 curvature,
+                *(values[inner] for values in self.roll_accelerations),
             )
         )
         rest = rise - push + whirl + spin * unknown[2] - base[:, 3:] @ unknown[3:]

@@ -315,8 +315,9 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     """Compare the change of vy with lateral acceleration and yaw rate.
 
     ``ay - vx r = g (dvy/dt + d dr/dt) + s vx r`` holds with g = 1 + s for an accelerometer d ahead on a body that rolls
-    such that it measures s of the acceleration more. A wrong step and a wrong scale of vy look alike here, so neither
-    is assumed.
+    such that it measures s of the acceleration more, and with h dp/dt for one h lower at the roll rate p. A wrong step
+    and a wrong scale of vy look alike here, so neither is assumed. Other relations with a derivative may exclude the
+    step.
     """
     grid = make_grid(log)
     # The relation is ay = dvy/dt + v r, plus the acceleration of the sensor's position, proportional to dr/dt.
@@ -334,8 +335,10 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     def means(values: np.ndarray) -> np.ndarray:
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
-    # Partial regression: offset, v r and dr/dt (position of the sensor) are removed from both sides.
-    beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
+    # Partial regression: offset, v r, dr/dt and dp/dt (position of the sensor) are removed from both sides. If no roll
+    # rate is logged, the roll is taken to follow v r, so that its acceleration is the second derivative.
+    roll_rate = grid.channels["roll_rate"] if "roll_rate" in grid.channels else grid.rate(whirl)
+    beside = np.column_stack((np.ones(count), *map(means, (whirl, grid.rate(rate), grid.rate(roll_rate)))))
     both = np.column_stack((means(side - whirl), means(grid.rate(grid.channels["vy"]))))
     if (evidence := _opposite_velocity(grid, forward, width)) is not None:
         text = statement("velocity_sign", correlation=evidence)
@@ -352,7 +355,10 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     gain /= 1.0 + float(known[1, 0] - gain * known[1, 1])
     if SCALE_RANGE[0] < gain < SCALE_RANGE[1]:
         return []
-    text = statement("lateral_velocity", gain=gain, true_step=grid.step / gain, step=grid.step)
+    # With another step, the gains of all relations with a derivative would be this one.
+    timed = [other for other in estimate_gains(log, use_vy=False) if other.relation.derivative]
+    is_step = all(other.bounds[0] < gain < other.bounds[1] for other in timed)
+    text = statement("lateral_velocity", gain=gain, true_step=grid.step / gain, step=grid.step, is_step=is_step)
     return [Finding(log.name, "kinematics", "vy, lateral_acceleration", "warning", gain, "1", text)]
 
 
