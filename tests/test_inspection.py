@@ -21,6 +21,7 @@ from mirdrake.report.inspection_text import describe, draw_links
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.inspection import inspect_vehicle
+from mirdrake.vehicles.plausibility import find_oddities
 
 BOLT = data_root() / "models" / "bolt"
 COM, SHARE, LENGTH = '"com_height" value="0.5"', '"front_axle_share" value="0.56"', '"inertia_length" value="4.0"'
@@ -71,6 +72,26 @@ def test_the_outermost_corner_of_the_body_runs_on_the_circle_between_walls(bolt)
     # Front bumper 2.085 m ahead of mid-wheelbase, 1.765 m wide: its right corner at (3.3855, -0.8825), and the turning
     # centre 4.5324 m to the left of the rear axle's centre: 2 sqrt(3.3855² + 5.4149²) = 12.772 m.
     assert bolt.wall_circle == pytest.approx(2.0 * math.hypot(3.3855, 4.53237 + 0.8825), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("size", "inertia", "exchanged"),
+    [
+        ((0.932, 0.597, 0.456), (2.144, 2.099, 3.117), False),  # robots whose mass is in a short body
+        ((0.912, 0.597, 0.456), (2.144, 1.933, 2.951), False),
+        ((1.0, 0.98, 0.3), (2.2, 2.1, 4.0), False),  # nearly square
+        ((1.112, 0.650, 0.570), (4.839, 2.034, 5.589), True),  # Unior with x and y exchanged
+        ((4.166, 1.765, 1.595), (2374.3, 547.0, 2546.6), True),  # Bolt with x and y exchanged
+    ],
+)
+def test_axes_of_the_inertia_are_exchanged_only_if_a_box_of_the_vehicles_size_fits_better(
+    bolt, size, inertia, exchanged
+):
+    figures = dataclasses.replace(bolt, size=size, inertia=inertia)
+    warnings = [warning for warning in find_oddities(figures, load_vehicle("bolt")) if "exchanged?" in warning]
+    assert bool(warnings) == exchanged
+    if exchanged:
+        assert f"the vehicle is {size[0]:.3g} m long and {size[1]:.3g} m wide; are x and y exchanged?" in warnings[0]
 
 
 def test_inertia_of_the_whole_car_is_the_sum_of_its_parts(bolt):

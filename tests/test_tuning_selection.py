@@ -11,7 +11,7 @@ import pytest
 
 from mirdrake.core.pid import PidGains
 from mirdrake.report.tuning_texts import Texts
-from mirdrake.tuning.acceptance import StepEffect
+from mirdrake.tuning.acceptance import Criterion, StepEffect
 from mirdrake.tuning.designs import (
     DESIGN_RULES,
     SLOW,
@@ -29,9 +29,17 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
 from mirdrake.tuning.loops.speed import SETTLING
 from mirdrake.tuning.models import Integrator
-from mirdrake.tuning.robustness import draw_conditions
+from mirdrake.tuning.robustness import Robustness, draw_conditions
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
-from mirdrake.tuning.selection import Knowledge, beats_rule, choose_best, choose_rule, verify
+from mirdrake.tuning.selection import (
+    Knowledge,
+    RejectedTrial,
+    beats_rule,
+    choose_best,
+    choose_rule,
+    verify,
+    verify_baseline,
+)
 from mirdrake.tuning.spec import load_tuning
 from mirdrake.tuning.stages import Candidate, at_finer_step
 from mirdrake.tuning.tables import trials_table
@@ -142,6 +150,13 @@ class _Stages:
         if candidate.design.gains["kp"] <= self.bound:
             return ()
         return (Rejection("monte_carlo", run=3, conditions=self.draws[3], reason="oscillates", made_runs=4),)
+
+    def failures_in(self, design: Design, draws: list[Conditions]) -> tuple[Rejection, ...]:
+        if design.gains["kp"] <= self.bound:
+            return ()
+        return tuple(
+            Rejection("monte_carlo", run=self.draws.index(draw), conditions=draw, reason="oscillates") for draw in draws
+        )
 
     def cost_in_runs(self, candidate: Candidate) -> float:
         return candidate.trial.cost
@@ -254,6 +269,59 @@ def test_gains_that_do_not_follow_the_vehicles_own_slopes_are_rejected_before_th
     assert known.lost_on_slopes
     text = Texts(short_result("unior")).rejections(known.rejected[0].rejections)
     assert text == "does not follow the vehicle's own slopes of the set-point: slips"
+
+
+def test_the_baseline_is_tested_in_what_candidates_have_failed() -> None:
+    """Candidates fail in run 3 or on the slopes; a baseline with a high gain does, too, and one with a low gain not."""
+    stages: Any = _Stages(bound=0.5, steep=2.5)
+    choice = choose_rule(stages, [BASE, FAST, SLOWER], ())
+    assert {rejection.check for check in choice.known.verified.values() for rejection in check.rejections} == {
+        "own_slopes", "monte_carlo",
+    }  # fmt: skip
+    present = made("baseline", 3.0, kind="baseline")
+    check = verify_baseline(stages, choice.known, present, [FAST, SLOWER]).verified["baseline"]
+    run = Rejection("monte_carlo", run=3, conditions=stages.draws[3], reason="oscillates")
+    assert check.rejections == (run, Rejection("own_slopes", reason="slips"))
+    assert verify_baseline(stages, choice.known, BASE, [FAST, SLOWER]).verified["baseline"].is_robust
+    assert verify_baseline(stages, Knowledge(), present, [FAST, SLOWER]) == Knowledge()  # nothing has failed
+
+
+def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_remedies() -> None:
+    run = Rejection("monte_carlo", run=41, conditions=Conditions(friction=0.39), reason="a wheel oscillates")
+    slopes = Rejection("own_slopes", reason="a wheel slips")
+    result = short_result("unior")
+    baseline, rule, best = result.candidates
+    failing = replace(
+        result,
+        spec={"baseline": "present"},
+        candidates=(
+            replace(baseline, figures={"iae": 0.0867}, rejections=(run, slopes)),
+            replace(rule, rejections=(run,)),
+            replace(best, figures={"iae": 0.122}),
+        ),
+        rejected=(RejectedTrial({"kp": 1.0}, 0.1, (slopes,)),),
+        acceptance=(Criterion("cheaper_than_baseline", 0.122, 0.0867, met=False),),
+        robustness=Robustness(100, 0, {"friction": (0.3, 1.0)}, {}),
+    )
+    texts = Texts(failing)
+    assert "; the present gains are kept" in texts.headline()
+    assert texts.after_verdict() == texts.notices()[:3] == [
+        "The present gains fail this, too: does not follow the vehicle's own slopes of the set-point: a wheel slips; "
+        "not stable in 1 run of the Monte Carlo, first in run 41 (friction 0.39): a wheel oscillates.",
+        "Candidates fail on the vehicle's own slopes of the set-point: lower speed.max_acceleration / max_deceleration "
+        "in control.yaml.",
+        "Candidates fail in draws of low friction, up to 0.39: narrow robustness.friction or lower test.slope in the "
+        "study.",
+    ]  # fmt: skip
+    assert texts.tiles()[0][:2] == ("present kp", "0.460")
+    assert ("IAE", "0.0867\u00a0rad", "rejected candidate 0.122\u00a0rad") in texts.tiles()
+    # Failures up to a friction of 0.8 have another cause; gains that are better need no remedy.
+    wide = replace(run, conditions=Conditions(friction=0.8))
+    other = replace(failing, candidates=(baseline, replace(rule, rejections=(wide,)), best), rejected=())
+    assert Texts(other).after_verdict() == []
+    better = replace(failing, acceptance=())
+    assert Texts(better).after_verdict() == []
+    assert Texts(better).tiles()[0][:2] == ("kp", "3.54")
 
 
 def test_gains_that_spin_the_wheels_on_the_vehicles_own_slopes_are_unstable(bolt: LoopSpec) -> None:

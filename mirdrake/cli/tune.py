@@ -78,6 +78,8 @@ def _print_result(result: "TuningResult") -> None:
     # One sentence first; numbers of all candidates follow in columns.
     texts = Texts(result)
     print(f"{result.name}: {texts.headline()}")
+    for sentence in texts.after_verdict():
+        print(f"  {sentence}")
     width = max(len(candidate.name) for candidate in result.candidates)
     units = ", ".join(f"{name} [{gain.unit}]" for name, gain in result.loop.gains.items())
     print(f"  gains {units}")

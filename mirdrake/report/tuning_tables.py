@@ -153,7 +153,8 @@ class Tables:
             (candidate.name, _number(candidate.cost), self.texts.rejections(candidate.rejections))
             for candidate in self.result.candidates
             if candidate.rejections and candidate.cost is not None and limit is not None and candidate.cost < limit
-        ]
+            and candidate.kind != "baseline"
+        ]  # fmt: skip
         for trial in self.result.rejected:
             gains = ", ".join(f"{name} {value:g}" for name, value in trial.gains.items())
             rows.append((f"trial {gains}", _number(trial.cost), self.texts.rejections(trial.rejections)))

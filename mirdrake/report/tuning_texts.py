@@ -48,6 +48,9 @@ GROUPS = {
 UNLIMITED = {"gain_margin", "delay_margin_s", "phase_margin_deg"}
 """Margins that a loop may not have: nothing makes it unstable."""
 
+LOW_FRICTION = 1.0 / 3.0
+"""Part of the drawn range of friction that counts as low."""
+
 KINDS = {
     "baseline": "baseline",
     "rule": "rule",
@@ -144,7 +147,7 @@ class Texts:
         # The verdict first needs a candidate within the constraints.
         result, best, baseline = self.result, self.best, self.baseline
         compared = baseline_name(result)
-        consequence = f"; {compared} are kept" if result.spec.get("baseline") == "present" else ""
+        consequence = f"; {compared} are kept" if self.keeps_present else ""
         if best is None:
             nearest = f", {self.winner.name} is the nearest" if self.winner else ""
             return f"no candidate meets the constraints{nearest}{consequence}"
@@ -166,28 +169,56 @@ class Texts:
             return f"nothing is better than {compared} ({label} {values}){consequence}"
         return f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} {label} than {compared} ({values}); {verdict}"
 
+    @property
+    def keeps_present(self) -> bool:
+        """Whether the vehicle keeps its present gains, because nothing is better."""
+        return not self.result.is_better and self.result.spec.get("baseline") == "present"
+
+    def after_verdict(self) -> list[str]:
+        """Return sentences on why nothing is better: checks that the baseline fails, too, and what to change."""
+        if self.result.is_better:
+            return []
+        sentences = []
+        if self.baseline is not None and self.baseline.status == "ok" and self.baseline.rejections:
+            failed = self.rejections(self.baseline.rejections)
+            sentences.append(f"{baseline_name(self.result).capitalize()} fail this, too: {failed}.")
+        return sentences + self._remedies()
+
     def tiles(self) -> list[tuple[str, str, str]]:
         """Return label, value and note of the main figures."""
         winner = self.winner
         if winner is None:
             return []
+        role, others = "", [("baseline", self.baseline), ("best rule", self.best_rule)]
+        # The tiles have the gains that the vehicle has after the study.
+        if self.keeps_present:
+            if self.baseline is not None and self.baseline.status == "ok":
+                others = [("rejected candidate", winner)]
+                winner, role = self.baseline, "present "
+            else:
+                role = "rejected candidate: "
         # Gains of zero are parts that the controller does not have.
         tiles = [
-            (name, format_quantity(value), self.result.loop.gains[name].unit if name in self.result.loop.gains else "")
+            (
+                f"{role}{name}",
+                format_quantity(value),
+                self.result.loop.gains[name].unit if name in self.result.loop.gains else "",
+            )
             for name, value in winner.gains.items()
             if value
         ][:4]
-        others = [("baseline", self.baseline), ("best rule", self.best_rule)]
         for name in ("iae", "overshoot_percent", "settling_time", "ms", "phase_margin_deg", "delay_margin_s"):
             if name in winner.figures:
                 notes = [
-                    f"{role} {self.value(name, other.figures[name])}"
-                    for role, other in others
-                    if other is not None and name in other.figures and (role == "baseline" or other is not winner)
+                    f"{label} {self.value(name, other.figures[name])}"
+                    for label, other in others
+                    if other is not None and name in other.figures and (label == "baseline" or other is not winner)
                 ]
                 tiles.append((self.figure(name)[0], self.value(name, winner.figures[name]), ", ".join(notes)))
         robustness = self.result.robustness
-        if robustness is not None and winner.name in robustness.candidates:
+        # The runs in which the present gains were tested after candidates had failed in them are not a random sample.
+        sampled = not role or all(rejection.check != "monte_carlo" for rejection in winner.rejections)
+        if robustness is not None and winner.name in robustness.candidates and sampled:
             tested = robustness.candidates[winner.name]
             rate = tested.failures
             note = f"95 % interval {100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %{_on_model(tested)}"
@@ -197,7 +228,7 @@ class Texts:
 
     def notices(self) -> list[str]:
         """Return what a reader has to know before the figures."""
-        result, notices = self.result, []
+        result, notices = self.result, self.after_verdict()
         if result.loop.model is None and not result.experiments:
             margins = "its margins are those of the linear diagram, cut at the effort"
             known = "it has no margins: its effort is not the only element of an output that the diagram connects"
@@ -223,6 +254,32 @@ class Texts:
         notices += self._failed_corners()
         return notices + robustness_notes(result, self.winner.name if self.winner else "")
 
+    def _remedies(self) -> list[str]:
+        """Return what to change, for each cause for which candidates were rejected."""
+        reasons = [candidate.rejections for candidate in self.result.candidates if candidate.kind != "baseline"]
+        reasons += [trial.rejections for trial in self.result.rejected]
+        failed = [rejection for rejections in reasons for rejection in rejections]
+        remedies = []
+        if any(rejection.check == "own_slopes" for rejection in failed):
+            remedies.append(
+                "Candidates fail on the vehicle's own slopes of the set-point: lower speed.max_acceleration / "
+                "max_deceleration in control.yaml."
+            )
+        frictions = [
+            rejection.conditions.friction
+            for rejection in failed
+            if rejection.conditions is not None and rejection.conditions.friction is not None
+        ]
+        ranges = self.result.robustness.ranges if self.result.robustness else {}
+        low, high = ranges.get("friction", (0.0, 0.0))
+        # Draws of low friction are the cause if no candidate fails with more.
+        if frictions and max(frictions) < low + LOW_FRICTION * (high - low):
+            remedies.append(
+                f"Candidates fail in draws of low friction, up to {max(frictions):.2f}: narrow robustness.friction or "
+                "lower test.slope in the study."
+            )
+        return remedies
+
     def _failed_corners(self) -> list[str]:
         """Return a sentence on corners of the ranges in which the winner fails; none if it is stable in all."""
         corners = self.result.robustness.corners if self.result.robustness else {}
@@ -246,7 +303,7 @@ class Texts:
             f"{candidate.name} costs {candidate.cost:.4g}, but was rejected: {self.rejections(candidate.rejections)}."
             for candidate in self.result.candidates
             if candidate.feasible and candidate.cost is not None and limit is not None and candidate.cost < limit
-            and candidate.rejections
+            and candidate.rejections and candidate.kind != "baseline"
         ]  # fmt: skip
 
     def _optimistic_margins(self) -> list[str]:

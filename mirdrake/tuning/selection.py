@@ -162,6 +162,39 @@ def verify(stages: Stages, known: Knowledge, candidate: Candidate) -> tuple[Veri
     return made, replace(known, verified={**known.verified, candidate.name: made}, hard=(*known.hard, *new)[:HARD])
 
 
+def verify_baseline(stages: Stages, known: Knowledge, baseline: Candidate, tried: Sequence[Candidate]) -> Knowledge:
+    """Test the baseline in the robustness checks that candidates have failed, which it did not have to pass.
+
+    These are the vehicle's own slopes of the set-point, and the runs of the Monte Carlo.
+
+    Args:
+        stages: of the study.
+        known: results of the checks of the candidates.
+        baseline: to test.
+        tried: candidates that have been tested.
+    """
+    checks = [known.verified[candidate.name].rejections for candidate in tried if candidate.name in known.verified]
+    checks += [trial.rejections for trial in known.rejected]
+    failed = [rejection for rejections in checks for rejection in rejections]
+    draws = dict.fromkeys(
+        rejection.conditions
+        for rejection in failed
+        if rejection.check in ("monte_carlo", "scenario") and rejection.conditions is not None
+    )
+    steep = any(rejection.check == "own_slopes" for rejection in failed)
+    # A baseline that fails in the test manoeuvre needs no further test.
+    if baseline.trial.status != "ok" or not (draws or steep):
+        return known
+    # The slip model needs gains; the plant has the present controllers if the baseline has none of its own.
+    slopes = None
+    if steep:
+        slopes = stages.test_slip(replace(baseline.design, gains=baseline.design.gains or stages.loop.present))
+        if slopes is None or slopes.status == "ok":
+            slopes = stages.test_on_own_slopes(baseline.design)
+    check = Verification(slopes=slopes, failed_runs=stages.failures_in(baseline.design, [*draws][:HARD]))
+    return replace(known, verified={**known.verified, baseline.name: check})
+
+
 def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Design]) -> RuleChoice:
     """Choose the cheapest rule that meets the constraints and is robust.
 

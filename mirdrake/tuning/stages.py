@@ -370,6 +370,17 @@ class Stages:
             for run, reason in zip(failed["run"].astype(int).tolist(), failed["reason"], strict=True)
         )
 
+    def failures_in(self, design: Design, draws: Sequence[Conditions]) -> tuple[Rejection, ...]:
+        """Return a rejection for each of some draws of the Monte Carlo in which a design is not stable on the plant."""
+        if not draws:
+            return ()
+        results = self.evaluate(LoopEvaluator(self.loop), [(design.gains, draw) for draw in draws], "baseline")
+        return tuple(
+            Rejection("monte_carlo", run=self.draws.index(draw), conditions=draw, reason=result.reason)
+            for draw, result in zip(draws, results, strict=True)
+            if result.status != "ok"
+        )
+
     def monte_carlo(
         self, candidates: Sequence[Candidate], *, pairs: Sequence[tuple[str, str]] = ()
     ) -> MonteCarlo | None:

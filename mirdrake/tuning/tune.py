@@ -35,7 +35,7 @@ from mirdrake.core.paths import installed_version
 from mirdrake.execution.calls import open_executor
 from mirdrake.execution.worker_server import LOOP, start_server
 from mirdrake.runs.summary import scene_hashes
-from mirdrake.tuning.acceptance import StepEffect, accept
+from mirdrake.tuning.acceptance import AGAINST_BASELINE, StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
 from mirdrake.tuning.designs import Design, OmittedDesign, slower_designs
 from mirdrake.tuning.identify import Identification, identify_loop
@@ -55,6 +55,7 @@ from mirdrake.tuning.selection import (
     better_in_runs,
     choose_best,
     choose_rule,
+    verify_baseline,
 )
 from mirdrake.tuning.space import inside, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
@@ -275,6 +276,10 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         monte_carlo=runs,
         verified=known.verified,
     )
+    # Where the baseline remains, it is tested in what its rivals have failed; it has passed the test manoeuvre only.
+    compared_met = all(criterion.met for criterion in criteria if criterion.name in AGAINST_BASELINE)
+    if not winner.trial.feasible or not compared_met:
+        known = verify_baseline(stages, known, designs.baseline, tried[1:])
 
     data = stages.spec.model_dump(mode="json")
     result = TuningResult(

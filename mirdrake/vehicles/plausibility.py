@@ -18,6 +18,12 @@ DYNAMIC_INDICES = ((0.46, 0.96), (0.68, 1.10))
 These are the vehicles of tests/data/yaw_inertias.csv: among robots, F1TENTH has the least and BARC the largest.
 """
 
+LEAST_MISFIT = 1.5
+"""Least factor between the ratio of roll to pitch inertia and that of a homogeneous box where an exchange is suspected.
+
+Masses are not distributed as in a box: vehicles whose moments are nearly equal differ from it by less.
+"""
+
 MOST_FRICTION = 2.0
 """Largest plausible friction coefficient; racing tyres on a clean track stay below."""
 
@@ -67,13 +73,22 @@ def _balance(figures: Inspection) -> list[str]:
             f"yaw inertia {figures.inertia[2]:.4g} kg m²: {figures.dynamic_index:.2f} m a b; cars have {cars[0]:.2f} "
             f"to {cars[1]:.2f}, robots below {ROBOT_MASS:.0f} kg {robots[0]:.2f} to {robots[1]:.2f}"
         )
-    # A body longer than wide has more inertia in pitch than in roll.
+    return [*messages, *_exchanged_axes(figures)]
+
+
+def _exchanged_axes(figures: Inspection) -> list[str]:
+    """Return a message if roll and pitch inertia fit a box of the vehicle's size better when they are exchanged."""
+    length, width, height = figures.size
     roll, pitch, _ = figures.inertia
-    if roll > pitch and figures.wheelbase > max(figures.tracks):
-        messages.append(
-            f"roll inertia {roll:.4g} kg m² exceeds pitch inertia {pitch:.4g} kg m²; are x and y exchanged?"
-        )
-    return messages
+    expected = (width**2 + height**2) / (length**2 + height**2)
+    # Roll over pitch inertia relative to that of a homogeneous box, as they are and exchanged; 0 is the box's ratio.
+    given, exchanged = (abs(math.log(ratio / expected)) for ratio in (roll / pitch, pitch / roll))
+    if roll < pitch or given < math.log(LEAST_MISFIT) or exchanged > 0.5 * given:
+        return []
+    return [
+        f"roll inertia {roll:.4g} kg m² exceeds pitch inertia {pitch:.4g} kg m², but the vehicle is {length:.3g} m "
+        f"long and {width:.3g} m wide; are x and y exchanged?"
+    ]
 
 
 def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
