@@ -310,8 +310,7 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
         "not stable in 1 run of the Monte Carlo, first in run 41 (friction 0.39): a wheel oscillates.",
         "Candidates fail on the vehicle's own slopes of the set-point: lower speed.max_acceleration / max_deceleration "
         "in control.yaml.",
-        "Candidates fail in draws of low friction, up to 0.39: narrow robustness.friction or lower test.slope in the "
-        "study.",
+        "Candidates fail in draws of low friction, up to 0.39: narrow robustness.friction in the study.",
     ]  # fmt: skip
     assert texts.tiles()[0][:2] == ("present kp", "0.460")
     assert ("IAE", "0.0867\u00a0rad", "rejected candidate 0.122\u00a0rad") in texts.tiles()

@@ -275,8 +275,8 @@ class Texts:
         # Draws of low friction are the cause if no candidate fails with more.
         if frictions and max(frictions) < low + LOW_FRICTION * (high - low):
             remedies.append(
-                f"Candidates fail in draws of low friction, up to {max(frictions):.2f}: narrow robustness.friction or "
-                "lower test.slope in the study."
+                f"Candidates fail in draws of low friction, up to {max(frictions):.2f}: narrow robustness.friction in "
+                "the study."
             )
         return remedies
 
