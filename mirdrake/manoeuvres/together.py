@@ -1,9 +1,10 @@
 """Many manoeuvres at once: each is driven as alone, and the runs that they wait for are simulated as one batch."""
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Generic, TypeVar
+
+from greenlet import greenlet
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import ManoeuvreSpec, Outcome
@@ -15,16 +16,9 @@ T = TypeVar("T")
 
 Simulate = Callable[[ReducedRun], ReducedLog]
 
-_STACK = 1 << 20
-"""Stack of a thread [B]; the default of 8 MB is more than hundreds of them need."""
 
-
-class _Cancelled(BaseException):
-    """Ends the thread of a drive whose run will not be simulated."""
-
-
-class _Drive(threading.Thread, Generic[T]):
-    """A function in a thread that stops whenever it waits for a run: a coroutine, which the function need not know.
+class _Drive(Generic[T]):
+    """A function that stops whenever it waits for a run: a coroutine, which the function need not know.
 
     Attributes:
         request: run that it waits for; None before the start and after the end.
@@ -35,47 +29,36 @@ class _Drive(threading.Thread, Generic[T]):
     """
 
     def __init__(self, function: Callable[[Simulate], T]) -> None:
-        super().__init__(daemon=True)
         self.request: ReducedRun | None = None
         self.result: T | Exception | None = None
         self._function = function
-        self._reply: ReducedLog | BaseException | None = None
-        # Of the two semaphores exactly one is free at any time: either the thread runs or its caller.
-        self._go, self._stopped = threading.Semaphore(0), threading.Semaphore(0)
-        self.start()
+        # Not a thread: a thread that waits for another one is woken late on a processor whose cores are all busy.
+        self._greenlet = greenlet(self._run)
 
-    def run(self) -> None:
-        """Run the function; called by the thread."""
-        self._go.acquire()
-        try:
-            self.result = self._function(self._simulate)
-        except _Cancelled:
-            pass
-        except Exception as error:
-            self.result = error
-        finally:
-            self.request = None
-            self._stopped.release()
-
-    def _simulate(self, run: ReducedRun) -> ReducedLog:
-        self.request = run
-        self._stopped.release()
-        self._go.acquire()
-        reply = self._reply
-        assert reply is not None
-        if isinstance(reply, BaseException):
-            raise reply
-        return reply
-
-    def resume(self, reply: ReducedLog | BaseException | None) -> None:
+    def resume(self, reply: ReducedLog | Exception | None) -> None:
         """Let the function run until it waits for the next run, or ends.
 
         Args:
             reply: log of the run that it waits for, or an exception that is raised there; None at the start.
         """
-        self._reply = reply
-        self._go.release()
-        self._stopped.acquire()
+        if isinstance(reply, Exception):
+            self._greenlet.throw(reply)
+        else:
+            self._greenlet.switch(reply)
+
+    def _run(self, _: None) -> None:
+        try:
+            self.result = self._function(self._simulate)
+        except Exception as error:
+            self.result = error
+        self.request = None
+
+    def _simulate(self, run: ReducedRun) -> ReducedLog:
+        self.request = run
+        parent = self._greenlet.parent
+        assert parent is not None
+        reply: ReducedLog = parent.switch()
+        return reply
 
 
 def drive_together(functions: Sequence[Callable[[Simulate], T]], known: ReducedParameters) -> list[T | Exception]:
@@ -88,23 +71,13 @@ def drive_together(functions: Sequence[Callable[[Simulate], T]], known: ReducedP
     Returns:
         The result of each function, or the exception that it raised.
     """
-    before = threading.stack_size(_STACK)
-    try:
-        drives = [_Drive(function) for function in functions]
-    finally:
-        threading.stack_size(before)
-    try:
-        for drive in drives:
-            drive.resume(None)
-        while waiting := [drive for drive in drives if drive.request is not None]:
-            runs = [drive.request for drive in waiting if drive.request is not None]
-            for drive, reply in zip(waiting, _simulate_all(runs, known), strict=True):
-                drive.resume(reply)
-    except BaseException:
-        for drive in drives:
-            if drive.is_alive():
-                drive.resume(_Cancelled())
-        raise
+    drives = [_Drive(function) for function in functions]
+    for drive in drives:
+        drive.resume(None)
+    while waiting := [drive for drive in drives if drive.request is not None]:
+        runs = [drive.request for drive in waiting if drive.request is not None]
+        for drive, reply in zip(waiting, _simulate_all(runs, known), strict=True):
+            drive.resume(reply)
     results = []
     for drive in drives:
         assert drive.result is not None
