@@ -117,3 +117,20 @@ def test_noise_of_a_second_gyro_is_not_taken_for_its_scale(scale, severity, seed
     (finding,) = [item for item in check_relations(log) if item.check == "kinematics"]
     assert finding.value == pytest.approx(1.28 * scale, rel=0.15)
     assert finding.severity == severity
+
+
+@pytest.mark.parametrize("first", [0.0, 900.0])
+def test_a_zero_before_the_first_measurement_is_no_fault(first: float) -> None:
+    time = np.arange(0.0, 20.0, 0.02)
+    load = 160.0 + 10.0 * np.sin(3.0 * time) + 20.0 * np.sin(7.0 * time)
+    values = load.copy()
+    values[0] = first
+    log, findings = check_glitches(Log("a", "train", time, {"tyre_force_z_front_left": values}), repair=True)
+    (finding,) = findings
+    if first == 0.0:
+        assert (finding.check, finding.severity, finding.value) == ("first_rows", "warning", 1.0)
+        assert finding.text == f"not measured in 1 row at the beginning: 0 there, then {load[1]:.4g} N"
+    else:
+        assert (finding.check, finding.severity) == ("glitches", "fault")
+    assert log.channels["tyre_force_z_front_left"][0] == load[1]
+    np.testing.assert_array_equal(log.channels["tyre_force_z_front_left"][1:], load[1:])

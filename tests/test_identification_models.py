@@ -17,6 +17,7 @@ from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import make_shots, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
 from mirdrake.identification.models import single_track as module
+from mirdrake.identification.models.base import Segment
 from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.models.single_track_equations import (
@@ -408,6 +409,54 @@ def test_default_values_of_a_magic_formula_are_assumptions():
     known = {frozenset(assumption.changes) for assumption in model.assumptions(values, frozenset())}
     assert not known & required
     assert model.suggest_experiment(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
+
+
+def steered(frequency, *, speeds=(15.0, 15.0), bias=0.0, duration=80.0):
+    """Return a segment of a linear sweep of the steering from 0 Hz to a frequency [Hz], half at each speed [m/s]."""
+    t = np.arange(0.0, duration, 0.02)
+    angle = 0.03 * np.sin(np.pi * frequency / duration * t**2) + bias
+    vx = np.where(t < 0.5 * duration, *speeds)
+    return Segment("sweep", "train", 0.0, 0.02, {"road_wheel_angle": angle, "vx": vx}, {"yaw_rate": angle * vx / 2.7})
+
+
+STIFF, OFFSETS = frozenset({"cornering_stiffness_front"}), frozenset({"accelerometer_ahead"})
+
+
+def model_with(kind, *names):
+    """Return a model for a log with further channels."""
+    log = lateral_data().logs[0]
+    channels = {**log.channels, **dict.fromkeys(names, 0.1 * log.channels["yaw_rate"])}
+    return make_model(ModelSpec(kind), DataSet((replace(log, channels=channels),), wheelbase=FRONT + REAR), KNOWN)
+
+
+def test_advice_names_what_the_logs_lack():
+    model = model_with("single_track", "vy")
+    fast = steered(4.0, speeds=(10.0, 16.0))
+    cases = [
+        (STIFF, [steered(4.0)], "do a step steer at two speeds"),
+        (STIFF, [steered(0.2, speeds=(10.0, 16.0))], "do a step steer at two speeds"),
+        (STIFF, [fast], ""),
+        (STIFF, [steered(4.0, speeds=(10.0, 10.0)), steered(4.0, speeds=(16.0, 16.0))], ""),
+        (frozenset({"yaw_inertia"}), [steered(1.0)], "do step steers, or a sweep to 2 Hz"),
+        (frozenset({"yaw_inertia"}), [fast], ""),
+        (frozenset({"steering_delay"}), [steered(2.0)], "do step steers, or a sweep to 3 Hz"),
+        (frozenset({"steering_delay"}), [fast], ""),
+        (frozenset({"steering_ratio"}), [fast], ""),
+        (OFFSETS, [fast], ""),
+        (OFFSETS, [steered(4.0, bias=0.05)], "drive turns to both sides"),
+        (OFFSETS, [steered(4.0, bias=0.05, duration=10.0)], "record longer, and drive turns to both sides"),
+    ]
+    for names, drives, expected in cases:
+        assert model.suggest_experiment(names, drives) == expected, (names, expected)
+
+
+def test_channels_that_are_recorded_are_not_asked_for():
+    fast, roll = [steered(4.0, speeds=(10.0, 16.0))], frozenset({"roll_gain"})
+    advice = model_with("single_track").suggest_experiment(STIFF, fast)
+    assert advice == "record the lateral velocity if possible"
+    rolls = model_with("single_track_roll", "roll_rate")
+    assert rolls.suggest_experiment(roll, fast) == ""
+    assert rolls.suggest_experiment(roll, [steered(1.0)]) == "do step steers, or a sweep to 3 Hz"
 
 
 @pytest.mark.parametrize("tyres", ["fiala", "magic_formula"])

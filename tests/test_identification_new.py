@@ -295,6 +295,13 @@ def test_the_vehicle_of_a_run_gives_wheelbase_mass_and_centre_of_mass(tmp_path, 
     assert spec.wheelbase == pytest.approx(load_vehicle("bolt").geometry.wheelbase, rel=1e-5)
     assert spec.mass == pytest.approx(parameters.mass, rel=1e-5)
     assert spec.front_length == pytest.approx(parameters.front_length, rel=1e-5)
+    # With --out, a summary replaces the text of the file.
+    assert main(["identify", "new", str(run), "--out", str(tmp_path / "named.yaml")]) == 0
+    shown = capsys.readouterr().out
+    assert f"vehicle 'car': wheelbase {spec.wheelbase:.4g} m, mass {spec.mass:.4g} kg" in shown
+    assert f"{len(spec.channels)} channels, " in shown
+    assert "column:" not in shown
+    assert load_yaml(tmp_path / "named.yaml", DataSpec).channels == spec.channels
     # A run without its scene is a log like any other.
     rmtree(run / "scene")
     assert main(["identify", "new", str(run), "--force"]) == 0

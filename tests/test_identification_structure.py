@@ -91,7 +91,8 @@ def test_a_fit_without_relaxation_names_it_as_an_assumption():
     assert parameter.value < 0.95 * TRUTH["yaw_inertia"]
     assert parameter.value + 1.96 * parameter.sigma_noise < TRUTH["yaw_inertia"] < parameter.high
     assert parameter.verdict in {"weakly identified", "not identifiable"}
-    assert "whether tyre relaxation matters: give the vehicle, or its relaxation length" in parameter.explanation
+    remedy = "name the vehicle in a study (vehicle: NAME), or give its relaxation length"
+    assert f"whether tyre relaxation matters: {remedy}" in parameter.explanation
 
 
 def test_settings_of_a_study_or_vehicle_disable_the_search():

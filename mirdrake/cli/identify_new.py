@@ -3,16 +3,22 @@
 import argparse
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import add_quiet
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
+from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
+
+if TYPE_CHECKING:
+    from mirdrake.identification.proposals import DataProposal
 
 MORE = """\
 LOG is a file of any known format, a bag or a run folder. Channels are guessed by the names of columns (English, German,
 French) or the types of messages, units and signs by the file and by the relations between channels. The data file has
-each guess with its reason as a comment: check them, then run the two commands that are printed.
+each guess with its reason as a comment: check them, then run the two commands that are printed. The file is printed as
+well, or with --out a summary of it.
 
 examples:
   mirdrake identify new lap.csv
@@ -46,9 +52,22 @@ def run(options: argparse.Namespace) -> int:
     text = proposal_text(proposal, os.path.relpath(log.resolve(), out.resolve().parent))
     write_file(out, text.encode())
     if not options.quiet:
-        print(text)
+        # Who names the file reads it there.
+        if options.out is None:
+            print(text)
+        else:
+            print(_summary(proposal))
         for line in missing_channels(proposal):
             print(line)
         name = display_path(out)
         print(f"{name}: check each line, then\n  mirdrake identify check {name}\n  mirdrake identify {name}")
     return 0
+
+
+def _summary(proposal: "DataProposal") -> str:
+    """Return the number of channels and columns without one, and what is known of the vehicle."""
+    lines = [f"{plural(len(proposal.channels), 'channel')}, {plural(len(proposal.others), 'column')} without a channel"]
+    if (vehicle := proposal.vehicle) is not None:
+        dimensions = f"wheelbase {vehicle.wheelbase:.4g} m, mass {vehicle.mass:.4g} kg"
+        lines.append(f"vehicle '{vehicle.name}': {dimensions}, front length {vehicle.front_length:.4g} m")
+    return "\n".join(lines)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mirdrake.identification import messages
 from mirdrake.identification.fit import FittedParameter, Verdict
 from mirdrake.identification.judgement import Combination, Direction, Judgement
-from mirdrake.identification.models.base import Assumption, AssumptionEffect, Model
+from mirdrake.identification.models.base import Assumption, AssumptionEffect, Model, Segment
 from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
@@ -63,7 +63,11 @@ class Uncertainty:
 
 
 def judge(
-    model: Model, unknowns: Sequence[FitParameter], values: Mapping[str, float], uncertainty: Uncertainty
+    model: Model,
+    unknowns: Sequence[FitParameter],
+    values: Mapping[str, float],
+    uncertainty: Uncertainty,
+    drives: Sequence[Segment] = (),
 ) -> tuple[FittedParameter, ...]:
     """Return the parameters with their intervals and verdicts.
 
@@ -72,6 +76,7 @@ def judge(
         unknowns: all parameters.
         values: estimates.
         uncertainty: uncertainty of the free parameters.
+        drives: segments of the logs, so that advice names what they lack.
     """
     # Correlations and combinations refer to the free parameters only.
     names = [unknown.info.name for unknown in unknowns if unknown.kind != "fixed"]
@@ -84,7 +89,7 @@ def judge(
                                 verdict="fixed", explanation=info.source)
             )  # fmt: skip
             continue
-        judgement = _judge(model, unknown, values, uncertainty, names)
+        judgement = _judge(model, unknown, values, uncertainty, names, drives)
         # Deviations are those of the scaled parameter; to first order, the slope converts them to its unit.
         slope = abs(unknown.slope(value))
         low, high = _interval(unknown, value, judgement.sigma)
@@ -113,7 +118,12 @@ def _interval(unknown: FitParameter, value: float, sigma: float) -> tuple[float 
 
 
 def _judge(
-    model: Model, unknown: FitParameter, values: Mapping[str, float], uncertainty: Uncertainty, names: Sequence[str]
+    model: Model,
+    unknown: FitParameter,
+    values: Mapping[str, float],
+    uncertainty: Uncertainty,
+    names: Sequence[str],
+    drives: Sequence[Segment],
 ) -> Judgement:
     """Return the verdict on a free parameter and the figures that lead to it."""
     info, value = unknown.info, values[unknown.info.name]
@@ -154,7 +164,7 @@ def _judge(
         # Where the model makes the estimate uncertain, another drive does not help.
         by_model = math.hypot(by_assumptions, between, structures)
         if inseparable or noise * span > IDENTIFIED * sigma or (depends_on is None and not noise < by_model):
-            remedy = model.suggest_experiment(frozenset({info.name, *inseparable}))
+            remedy = model.suggest_experiment(frozenset({info.name, *inseparable}), drives)
     # A wide interval excludes a given value as well as a narrow one; a value without meaning excludes nothing.
     is_usable = bound is None and not is_meaningless and math.isfinite(sigma)
     contradicts = is_usable and unknown.given is not None and _contradicts(unknown, value, sigma, span)

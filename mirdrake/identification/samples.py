@@ -50,7 +50,10 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
 
 
 def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
-    """Find single samples, or up to four in a row, that differ strongly from their neighbours."""
+    """Find single samples, or up to four in a row, that differ strongly from their neighbours.
+
+    First samples that are 0 are not yet measured: a warning, not a fault.
+    """
     # Only channels that move continuously can be judged by their neighbours.
     findings, repaired = [], {}
     for name, values in log.channels.items():
@@ -59,17 +62,31 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         bad = find_glitches(values, channel(name).limit)
         if not bad.any():
             continue
-        count = int(bad.sum())
-        times = ", ".join(f"{instant:.6g}" for instant in log.time[bad][:5]) + (", …" if count > 5 else "")
-        worst = values[bad][np.argmax(np.abs(values[bad]))]
         unit = channel(name).unit
-        text = statement("glitches", count=count, times=times, worst=float(worst), unit=unit)
-        done = statement("interpolated") if repair else None
-        findings.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
+        before = _unmeasured(values, bad)
+        if before:
+            text = statement("not_measured", rows=before, then=float(values[before]), unit=unit)
+            done = statement("first_value") if repair else None
+            findings.append(Finding(log.name, "first_rows", name, "warning", float(before), "rows", text, done))
         if repair:
             good = ~bad & np.isfinite(values)
             repaired[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
+        bad[:before] = False
+        if not bad.any():
+            continue
+        count = int(bad.sum())
+        times = ", ".join(f"{instant:.6g}" for instant in log.time[bad][:5]) + (", …" if count > 5 else "")
+        worst = values[bad][np.argmax(np.abs(values[bad]))]
+        text = statement("glitches", count=count, times=times, worst=float(worst), unit=unit)
+        done = statement("interpolated") if repair else None
+        findings.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
     return replace(log, channels={**log.channels, **repaired}), findings
+
+
+def _unmeasured(values: Array, bad: NDArray[np.bool_]) -> int:
+    """Return the number of first samples that are glitches of the value 0: the channel is not measured yet."""
+    first = bad & (values == 0.0)
+    return len(first) if first.all() else int(np.argmin(first))
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:

@@ -92,7 +92,9 @@ class StudySpec(Schema):
     about: str = Field(default="", description="description for people [-]")
     data: str | Json = Field(description="data file, relative to this file, or its content [-]")
     vehicle: str | None = Field(default=None, description="name or path of the vehicle, for given values [-]")
-    model: Json = Field(description="kind of the model and its options, or only its kind [-]")
+    model: Json = Field(
+        default={}, validate_default=True, description="kind of the model and its options, or only its kind [-]"
+    )
     parameters: dict[str, ParameterSpec] = Field(default={}, description="settings by name of the parameter [-]")
     estimator: EstimatorSpec = Field(default=EstimatorSpec(), description="options of the estimator [-]")
     stages: list[StageSpec] = Field(default=[], description="fits before the final one, in order [-]")
@@ -110,7 +112,9 @@ class StudySpec(Schema):
     @classmethod
     def _has_kind(cls, model: Json) -> Json:
         if not isinstance(model.get("kind"), str):
-            raise ValueError("needs a kind, for example {kind: single_track}")
+            from mirdrake.identification.models.registry import MODELS
+
+            raise ValueError(f"a model needs a kind: {', '.join(MODELS)}; for example {{kind: single_track}}")
         return model
 
 

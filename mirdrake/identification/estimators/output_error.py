@@ -196,7 +196,7 @@ def summarise(
         for channel in channels
     )
     uncertainty = Uncertainty(sigmas, correlation, solution.bound, effects, between, structures, error)
-    judged = judge(model, unknowns, values, uncertainty)
+    judged = judge(model, unknowns, values, uncertainty, problem.drives)
 
     # Notes and advice.
     lines = [*notes]
@@ -208,7 +208,7 @@ def summarise(
     lines += [unknown.info.source for unknown in unknowns if unknown.info.source.startswith("not given")]
     # A dict removes repeated advice and keeps its order. Where the model dominates, another drive does not help.
     advice = dict.fromkeys(
-        model.suggest_experiment(frozenset({parameter.name}))
+        model.suggest_experiment(frozenset({parameter.name}), problem.drives)
         for parameter in judged
         if parameter.verdict == "not identifiable"
         or (
@@ -216,7 +216,9 @@ def summarise(
             and not (parameter.sigma_model or 0.0) > (parameter.sigma_noise or 0.0)
         )
     )
-    if advice and (best := recommend_manoeuvre(solution)) is not None:
+    is_wanted = bool(advice)
+    advice.pop("", None)  # the logs of a parameter lack nothing that the model knows of
+    if is_wanted and (best := recommend_manoeuvre(solution)) is not None:
         poor = {parameter.name for parameter in judged if parameter.verdict not in {"identified", "fixed"}}
         noise = np.sqrt(np.diag(solution.covariance))
         advice = {messages.recommendation(*best, problem.free, noise.tolist(), poor): None, **advice}

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -275,9 +275,14 @@ class Model(ABC):
         del name
         return None
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
-        """Return, in the imperative, which drive would identify these parameters."""
-        del names
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
+        """Return, in the imperative, which drive would identify these parameters; empty if the logs lack nothing.
+
+        Args:
+            names: parameters.
+            drives: segments of the logs that they were fitted to.
+        """
+        del names, drives
         return "drive with more and faster changes of the inputs"
 
     def candidate_manoeuvres(self, p: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:

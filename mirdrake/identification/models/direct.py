@@ -1,6 +1,6 @@
 """Models whose outputs follow from their inputs alone: kinematic car, steering, joint behind its servo."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -98,8 +98,9 @@ class KinematicModel(_DirectModel):
             "steering delay plus lag": (p["steering_delay"] + p["steering_lag"], "s"),
         }
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
+        del drives
         if names & {"steering_delay", "steering_lag"}:
             return "do step steers"
         return "turn slowly and fast, left and right"
@@ -147,8 +148,9 @@ class SteeringModel(_DirectModel):
         """Return the road wheel angle [rad]."""
         return steering_angle(p, drive, self._steer, times)[None]
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
+        del drives
         return "turn the wheel slowly to and fro" if "steering_backlash" in names else "do steps of the steering"
 
     @classmethod
@@ -220,7 +222,7 @@ class JointLoopModel(_DirectModel):
         del channel
         return 0.0
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which test would identify these parameters."""
-        del names
+        del drives, names
         return "do steps and a sweep of the set-point to beyond the natural frequency"

@@ -9,7 +9,7 @@ brake force from the pedal or a torque. Each has a dead time and a first-order l
 drag area. Without a mass, forces are per kilogram.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -234,8 +234,9 @@ class LongitudinalModel(EquationModel):
             assumptions.append(Assumption(*words, changes, OMITTED_FRACTION, is_omitted=True))
         return tuple(assumptions)
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
+        del drives
         if names & {"brake_force", "brake_delay", "brake_lag"}:
             return "brake in several steps of the pedal"
         if names & {"drag", "rolling_resistance", "viscous_resistance", "slope"}:

@@ -19,7 +19,7 @@ wheel angle contains the servo's lag already, the steering delay compensates for
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -370,8 +370,9 @@ class PlantModel(SimulatedModel):
         }
         return ranges.get(name, (-np.inf, np.inf))
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
+        del drives
         if names & {"friction"}:
             return "brake or turn to the limit of the tyres"
         if names & {"mass", "rolling_resistance", "wheel_damping"}:

@@ -10,7 +10,7 @@ height of the hubs, hi of the road. c, d, k and mi are those of both wheels of a
 is positive in bump. The tyre touches the road along a length, over which it averages the road (at the mean speed).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -164,8 +164,9 @@ class RideModel(EquationModel):
             if name in assumed
         )
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
+        del drives
         if any("tyre" in name or "unsprung" in name for name in names):
             return "drive over a rougher road, or faster, so that the wheels hop"
         return "drive over a road with long waves, so that body and pitch move"

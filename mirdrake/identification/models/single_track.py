@@ -88,6 +88,7 @@ from mirdrake.identification.models.base import (
     find_channel,
     select_outputs,
 )
+from mirdrake.identification.models.coverage import LONG, Coverage, make_coverage
 from mirdrake.identification.models.equations import CompiledModel
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
 from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
@@ -198,6 +199,7 @@ class SingleTrackModel(CompiledModel):
         parts = [word for word, has_it in (("relaxation", self._relaxation), ("roll", self._roll)) if has_it]
         self.title = f"single track with {self._tyres.replace('_', ' ')} tyres"
         self.title += "".join(f" and {word}" for word in parts)
+        self._channels = frozenset(channels)
         self._steer = find_channel(channels, STEERING, "the steering", self.kind)
         self._speed = find_channel(channels, SPEED, "the speed", self.kind)
         self.inputs = (self._steer, self._speed)
@@ -467,10 +469,20 @@ class SingleTrackModel(CompiledModel):
             assume((), moved, "the wheelbase", "give the wheelbase")
         if self._relaxation:
             moved = {name: 0.5 * p[name] for name in self._lengths}
-            assume(self._lengths, moved, "the relaxation length of the tyres", "give the vehicle, or that length")
+            assume(
+                self._lengths,
+                moved,
+                "the relaxation length of the tyres",
+                "name the vehicle in a study (vehicle: NAME), or give that length",
+            )
             trails = ("trail_front", "trail_rear")
             moved = dict.fromkeys(trails, _TRAIL * length)
-            assume(trails, moved, "the pneumatic trail of the tyres", "give the vehicle, or trail_front and trail_rear")
+            assume(
+                trails,
+                moved,
+                "the pneumatic trail of the tyres",
+                "name the vehicle in a study (vehicle: NAME), or give trail_front and trail_rear",
+            )
         shapes = ("shape_front", "shape_rear")
         assume(shapes, dict.fromkeys(shapes, _SHAPE), "the shape factor of the tyres", "give shape_front, shape_rear")
         if self._roll:
@@ -484,7 +496,7 @@ class SingleTrackModel(CompiledModel):
         moved = {"relaxation": OMITTED_FRACTION * RELAXATION * length}
         omit(
             "whether tyre relaxation matters",
-            "give the vehicle, or its relaxation length",
+            "name the vehicle in a study (vehicle: NAME), or give its relaxation length",
             moved,
             {"relaxation": "shared"},
         )
@@ -529,8 +541,9 @@ class SingleTrackModel(CompiledModel):
         parts = {"front_length": "rear_length", "rear_length": "front_length"}
         return parts.get(name) if self._wheelbase is not None else None
 
-    def suggest_experiment(self, names: frozenset[str]) -> str:
-        """Return which drive would identify these parameters."""
+    def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
+        """Return which drive would identify these parameters, by what the logs lack."""
+        covered = make_coverage(drives, self._steer, self._speed)
         # The first group that is named decides: limits need the most special manoeuvre.
         stiff = {"cornering_stiffness_front", "cornering_stiffness_rear"}
         if names & {"friction_front", "friction_rear"} or any(
@@ -538,16 +551,29 @@ class SingleTrackModel(CompiledModel):
         ):
             return "do a slow steering ramp to the limit of the tyres"
         if names & _ROLL_PARAMETERS:
-            return "record the roll rate"
+            return _sweep(covered, 3.0) if "roll_rate" in self._channels else "record the roll rate"
         if "steering_ratio" in names:
-            return "do slow and fast turns: the ratio shows at walking pace, the stiffness at speed"
+            slow_and_fast = "do slow and fast turns: the ratio shows at walking pace, the stiffness at speed"
+            return "" if covered.speeds else slow_and_fast
         if names & {"steering_delay", "steering_lag"}:
-            return "do step steers, or a sweep to 3 Hz"
+            return _sweep(covered, 3.0)
         if names & stiff:
-            return "do a step steer at two speeds, and record the lateral velocity if possible"
+            step = "" if covered.speeds and covered.sweep_to(1.0) else "do a step steer at two speeds"
+            return _join(step, "" if "vy" in self._channels else "record the lateral velocity if possible")
         if "yaw_inertia" in names:
-            return "do a step steer or a sweep to 2 Hz"
-        return "record longer, with turns to both sides"
+            return _sweep(covered, 2.0)
+        longer = "" if covered.turning > LONG else "record longer"
+        return _join(longer, "" if covered.sides else "drive turns to both sides")
+
+
+def _sweep(covered: Coverage, frequency: float) -> str:
+    """Return the advice to steer as fast as a sweep to a frequency [Hz]; empty if the logs do so."""
+    return "" if covered.sweep_to(frequency) else f"do step steers, or a sweep to {frequency:g} Hz"
+
+
+def _join(*advice: str) -> str:
+    """Return the pieces of advice that there are."""
+    return ", and ".join(text for text in advice if text)
 
 
 class SingleTrackRollModel(SingleTrackModel):
