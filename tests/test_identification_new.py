@@ -239,14 +239,14 @@ def test_a_specific_force_is_an_acceleration(unit, expected):
     assert channel_by_name("imu.fy", unit) == expected
 
 
-def test_a_data_file_may_be_written_into_another_folder(tmp_path, capsys):
+def test_a_data_file_may_be_written_into_another_folder(tmp_path):
     t, c = truth()
     (tmp_path / "logs").mkdir()
     (tmp_path / "data").mkdir()
     columns = [t[:500], c["vx"][:500], c["yaw_rate"][:500]]
     write_table(tmp_path / "logs" / "a.csv", columns, "time,vx_m_s,yaw_rate_rad_s\n")
     assert main(["identify", "new", str(tmp_path / "logs" / "a.csv"), "--out", str(tmp_path / "data" / "a.yaml")]) == 0
-    assert '{file: "../logs/a.csv"}' in capsys.readouterr().out
+    assert '{file: "../logs/a.csv"}' in (tmp_path / "data" / "a.yaml").read_text(encoding="utf-8")
     (log,) = load_data(tmp_path / "data" / "a.yaml").logs
     agree(log, c, ("vx", "yaw_rate"), slice(500))
 
