@@ -429,7 +429,7 @@ def test_bad_input_is_one_line(arguments, words, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--duration", "-1"], "argument --duration: -1 is not allowed; expected a positive time in s"),
+        (["--duration", "-1"], "argument --duration: '-1' is not allowed; expected a positive number in s"),
         (["--port", "99999999"], "argument --port: '99999999' is not allowed; expected a whole number from 0 to 65535"),
     ],
 )
