@@ -4,6 +4,7 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -203,7 +204,6 @@ def run_reduced(
     Raises:
         ConfigError: the loop has not been identified, or a gain is not valid.
     """
-    model, _ = model_of(spec)
     pid, test = pid_of(spec, gains), reduced_test(spec, conditions)
     # A pole test first: a slowly growing oscillation may not be visible within the test.
     if any(gains.values()) and not all(is_stable(plant, pid) for plant in test.delayed):
@@ -217,6 +217,21 @@ def run_reduced(
     )  # fmt: skip
     if not stable:
         return Evaluation("unstable", reason="the output grows without bound")
+    return judge_test(spec, test, gains, conditions, output, effort, keep=keep)
+
+
+def judge_test(
+    spec: LoopSpec,
+    test: ReducedTest,
+    gains: Mapping[str, float],
+    conditions: Conditions,
+    output: Floats,
+    effort: Floats,
+    *,
+    keep: bool,
+    others: Mapping[str, Floats] = MappingProxyType({}),
+) -> Evaluation:
+    """Evaluate the response of a test on a model, see :func:`mirdrake.tuning.loops.judge.judge`."""
     return judge(
         test.t,
         test.reference,
@@ -224,8 +239,9 @@ def run_reduced(
         effort,
         course=spec.course,
         limits=test.limits,
-        noise=conditions.noise / model.scale,
+        noise=conditions.noise / model_of(spec)[0].scale,
         margins=find_loop_margins(spec, gains),
+        others=others,
         keep=keep,
     )
 

@@ -25,8 +25,7 @@ from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, make_spinning_
 from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, DrivenAxle, Evaluation, LoopSpec, OuterLoop, SlipModel
 from mirdrake.tuning.loops.bench import WAIT, PlantBench
-from mirdrake.tuning.loops.judge import judge
-from mirdrake.tuning.loops.reduced import find_loop_margins, model_of, pid_of, reduced_test
+from mirdrake.tuning.loops.reduced import judge_test, model_of, pid_of, reduced_test
 from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
 from mirdrake.tuning.models import Floats, TransferFunction
 
@@ -148,18 +147,8 @@ def run_slip(
         output, effort, slips,
     )  # fmt: skip
     per = model.scale * model.slip.radius  # m/s per output
-    return judge(
-        test.t,
-        test.reference,
-        output,
-        effort,
-        course=spec.course,
-        limits=test.limits,
-        noise=conditions.noise / model.scale,
-        margins=find_loop_margins(spec, gains),
-        others={f"the slip of the wheels of driven axle {k + 1}": row / per for k, row in enumerate(slips)},
-        keep=keep,
-    )
+    others = {f"the slip of the wheels of driven axle {k + 1}": row / per for k, row in enumerate(slips)}
+    return judge_test(spec, test, gains, conditions, output, effort, keep=keep, others=others)
 
 
 def _curves(model: SlipModel, road: float) -> Floats:
