@@ -34,8 +34,10 @@ from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.yaml_io import Schema, Source, parse_tree, parse_yaml, validate
 from mirdrake.sensors.range_scan import RangeScan
+from mirdrake.worlds.lights import Light
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
+from tests.marks import mostly_slow
 from tests.stand_ins import CarStandIn, PropStandIn, WorldStandIn
 
 STEP, BRAKES = 0.005, 5.0
@@ -97,7 +99,22 @@ def make_driver(behaviour, world, *, source=None, folder=None):
     return spec.make_system(CAR, world, where=source.where("behaviour"), folder=folder)
 
 
-def drive(behaviour, props=(), *, duration, tracks=None, **car):
+class LightAhead(LeafSystem):
+    """The road ahead of a car on the x axis: no other vehicle, and a traffic light with its stop line at 800 m."""
+
+    LINE = 800.0
+
+    def __init__(self, light):
+        super().__init__()
+        self.light, self.state = light, self.DeclareVectorInputPort("state", 12)
+        self.DeclareVectorOutputPort("road_ahead", BasicVector(5), self._calc)
+
+    def _calc(self, context, output):
+        rest, (state, left) = self.LINE - self.state.Eval(context)[0] - FRONT, self.light.phase(context.get_time())
+        output.SetFromVector([math.inf, 0.0, *((rest, state, left) if rest > -1.0 else (math.inf, 2.0, math.inf))])
+
+
+def drive(behaviour, props=(), *, duration, tracks=None, light=None, **car):
     """Return a kinematic car driven by a behaviour until the time is over or it touches a prop."""
     world: Any = WorldStandIn(list(props), tracks or {})
     driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, world)
@@ -110,8 +127,11 @@ def drive(behaviour, props=(), *, duration, tracks=None, **car):
     if driver.HasInputPort("ranges"):
         builder.Connect(sensor.ranges, driver.GetInputPort("ranges"))
     if driver.HasInputPort("road_ahead"):
-        free = builder.AddSystem(ConstantVectorSource([math.inf, 0.0, math.inf, 2.0]))  # no object, no light
-        builder.Connect(free.get_output_port(), driver.GetInputPort("road_ahead"))
+        free = ConstantVectorSource([math.inf, 0.0, math.inf, 2.0, math.inf])  # no object, no light
+        ahead = builder.AddSystem(free if light is None else LightAhead(light))
+        builder.Connect(ahead.get_output_port(), driver.GetInputPort("road_ahead"))
+        if light is not None:
+            builder.Connect(plant.state, ahead.state)
     builder.Connect(driver.GetOutputPort("command"), plant.command)
     simulator = Simulator(builder.Build())
     context = plant.GetMyContextFromRoot(simulator.get_context())
@@ -139,6 +159,49 @@ def block(x0, y0, x1, y1):
 
 
 # --- arithmetic ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed", mostly_slow([25.0, 15.0, 36.0]))
+def test_traffic_brakes_for_a_red_light_from_any_speed_at_its_comfortable_deceleration(speed):
+    road = Track([Piece(1000.0, 0.0, 0.0)], closed=False)
+    driver = {"kind": "traffic", "speed": speed, "reaction": 0.3, "deceleration": 2.0, "line_distance": 1.0}
+    red = Light("light", green=0.0, amber=0.0, red=1e4, offset=0.0, lines=())
+    needed = speed * 0.3 + speed**2 / (2.0 * 2.0)
+    begin = LightAhead.LINE - FRONT - 1.0 - needed
+    start = begin - 2.0 * speed
+    run = drive(driver, tracks={"main": road}, light=red, speed=speed, start=(start, 0.0, 0.0), duration=2.0 + speed)
+    # In front of v t + v²/(2 a) the speed is the set-point, and behind it at most that of the braking profile, which
+    # has the deceleration a v/(v + a t). The car lags by 0.15 s, and by a period of the driver.
+    assert np.all(run.speed[run.x < begin] > speed - 1e-9)
+    after = (run.x > begin) & (run.speed > 0.5)
+    assert np.max(-np.diff(run.speed)[after[1:]]) / 0.02 < 2.0
+    rest = np.maximum(LightAhead.LINE - FRONT - 1.0 - run.x[after], 0.0)
+    assert np.all(run.speed[after] < np.sqrt(0.6**2 + 4.0 * rest) - 0.6 + 2.0 * (0.15 + 0.02))
+    assert -2.0 <= run.x[-1] + FRONT - LightAhead.LINE <= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [11.0, 20.0, 36.0])
+def test_traffic_passes_no_light_that_becomes_red_at_any_time(speed):
+    # A comfortable stop needs v t + v²/(2 a): 33.6, 106 and 335 m. Within the amber of 3 s, with t to spare, the line
+    # is reached from 29.7, 54 and 97 m. In between it must stop, with up to v/(2 (3 s - 2 t)).
+    road, amber = Track([Piece(1200.0, 0.0, 0.0)], closed=False), 3.0
+    needed, reached = speed * 0.3 + speed**2 / 4.0, (amber - 0.3) * speed
+    passed = []
+    for rest in np.linspace(0.8 * reached, 1.1 * needed, 9):
+        start = LightAhead.LINE - FRONT - rest - speed
+        light = Light("light", green=1.0, amber=amber, red=100.0, offset=0.0, lines=())
+        driver = {"kind": "traffic", "speed": speed}
+        run = drive(driver, tracks={"main": road}, light=light, speed=speed, start=(start, 0.0, 0.0),
+                    duration=2.0 + amber + speed, brakes=9.0)  # fmt: skip
+        crossed = np.flatnonzero(run.x + FRONT >= LightAhead.LINE)
+        passed.append(crossed.size > 0)
+        if passed[-1]:
+            assert light.state(run.t[crossed[0]]) == 1.0
+        else:
+            assert -2.0 <= run.x[-1] + FRONT - LightAhead.LINE <= 0.0
+    assert passed[0]
+    assert not passed[-1]
 
 
 def test_the_braking_profile_stops_within_its_gap():

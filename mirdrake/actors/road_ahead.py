@@ -32,6 +32,7 @@ ROAD_AHEAD = signals(
     ("speed", "m/s", "of that along the lane"),
     ("line", "m", "from the front to the stop line of the next traffic light or closed yield line; inf: none"),
     ("light", "", "state of that light: 0 red, also of a yield line, 1 amber, 2 green"),
+    ("left", "s", "time for which it stays in that state; inf: yield line, or no light"),
 )
 """What is ahead of a vehicle on its lane."""
 
@@ -47,7 +48,7 @@ class RoadAhead(LeafSystem):
         junction_line (1) [m]: station of the line of a junction that the vehicle must not pass; only if it drives by
             the right of way, see :class:`mirdrake.actors.traffic.Traffic`.
     Output ports:
-        road_ahead (4) [m, m/s, m, -]: :data:`ROAD_AHEAD`.
+        road_ahead (5) [m, m/s, m, -, s]: :data:`ROAD_AHEAD`.
 
     Args:
         world: the world.
@@ -123,15 +124,15 @@ class RoadAhead(LeafSystem):
             station = float(self.junction_line.Eval(context)[0])
             # A line that it has passed, by less than it may move in the time of an update, is that in front of it.
             closed = min(closed, max(station - front, 0.0))
-        line, state = self._next_light(lane, front, context.get_time())
+        line, state, left = self._next_light(lane, front, context.get_time())
         # A closed yield line is like a red light.
         if closed < line or (state == GREEN and closed < math.inf):
-            line, state = closed, float(RED)
-        output.SetFromVector([gap, speed, line, state])
+            line, state, left = closed, float(RED), math.inf
+        output.SetFromVector([gap, speed, line, state, left])
 
-    def _next_light(self, lane: int, front: float, time: float) -> tuple[float, float]:
-        """Return the distance to the next stop line [m] and the state of its light."""
-        nearest, state = math.inf, float(GREEN)
+    def _next_light(self, lane: int, front: float, time: float) -> tuple[float, float, float]:
+        """Return the distance to the next stop line [m], the state of its light, and how long that lasts [s]."""
+        nearest, state, left = math.inf, float(GREEN), math.inf
         for light, number, s in self._lights:
             away = s - front
             if self._lanes.lanes[lane]["closed"]:
@@ -139,8 +140,8 @@ class RoadAhead(LeafSystem):
                 # Wrapped into -1 m to length - 1 m: a line just behind the bumper keeps its negative distance.
                 away = (away + _BELOW) % length - _BELOW
             if number == lane and -_BELOW <= away < nearest:  # a line below the front bumper counts for a metre
-                nearest, state = away, float(light.state(time))
-        return nearest, state
+                nearest, (state, left) = away, light.phase(time)
+        return nearest, state, left
 
 
 def look_ahead(

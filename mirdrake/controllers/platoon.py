@@ -77,7 +77,7 @@ class PlatoonDriver(PathTracker):
     Ports as in :class:`PathTracker`, and:
 
     Input ports:
-        road_ahead (4) [m, m/s, m, -]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
+        road_ahead (5) [m, m/s, m, -, s]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
 
     Args:
         spec: its settings.
@@ -97,7 +97,7 @@ class PlatoonDriver(PathTracker):
         self, context: Context, values: DiscreteValues, speed: float, vx: float, gains: PathGains, state: PathState
     ) -> float:
         del gains  # the set-point of the speed has been regarded already
-        gap, lead, _, _ = self.road_ahead.Eval(context).tolist()
+        gap, lead = self.road_ahead.Eval(context)[:2].tolist()
         spec = self._spec
         memory = context.get_discrete_state(self._memory).value().copy()
         # Free road: NaN marks that there is no earlier speed to differentiate.

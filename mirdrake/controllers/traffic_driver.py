@@ -33,10 +33,11 @@ class TrafficDriver(PathTracker):
     Ports as in :class:`PathTracker`, and:
 
     Input ports:
-        road_ahead (4) [m, m/s, m, -]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
+        road_ahead (5) [m, m/s, m, -, s]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
 
-    The acceleration of the intelligent driver model is added up to a speed set-point. At amber it stops if it can at
-    its comfortable deceleration; the decision is kept until green or the next line.
+    The acceleration of the intelligent driver model is added up to a speed set-point. At amber it goes on only if a
+    comfortable stop is too late and the line is reached before red; the decision is kept until green or the next line.
+    At v that needs a stop with v/(2 (T - 2 t)), for an amber of the duration T and the reaction time t, at most.
 
     Args:
         spec: its settings.
@@ -53,7 +54,7 @@ class TrafficDriver(PathTracker):
     def _limited(
         self, context: Context, values: DiscreteValues, speed: float, vx: float, gains: PathGains, state: PathState
     ) -> float:
-        gap, other, line, light = self.road_ahead.Eval(context).tolist()
+        gap, other, line, light, left = self.road_ahead.Eval(context).tolist()
         spec = self._spec
         last = state.speed if state.started else vx
         a = idm(self._numbers, max(vx, 0.0), gains.speed, gap, other)  # type: ignore[arg-type]
@@ -66,12 +67,13 @@ class TrafficDriver(PathTracker):
 
         decision, known = context.get_discrete_state(self._decision).value().tolist()
         # A line that is farther away than the last one is the next line: that one has been passed.
-        if light == GREEN or line > spec.sight or line > known + _NEXT:
+        if light == GREEN or line > known + _NEXT:
             decision = _UNDECIDED
         elif decision == _UNDECIDED:
             needed = stopping_distance(vx, deceleration=self.limits.deceleration, reaction=spec.reaction)
-            # At amber it goes only if it cannot stop before the line; at red it always stops.
-            decision = _GOES if light == AMBER and needed > line else _STOPS
+            # The reaction time is left as a margin, as the speed does not stay the same to the line.
+            goes = light == AMBER and line < min(needed, vx * (left - spec.reaction))
+            decision = _GOES if goes else _STOPS
         values.set_value(self._decision, [decision, line])
         if decision == _STOPS:
             rest = max(line - spec.line_distance, 0.0)
@@ -90,7 +92,6 @@ class TrafficDriverSpec(PathTrackingSpec):
         default=True, description="stop at red lights, yield lines and junctions without the right of way [-]"
     )
     line_distance: Length = Field(default=1.0, ge=0.0, le=20.0, description="distance of a stop before the line [m]")
-    sight: Length = Field(default=150.0, gt=0.0, le=1000.0, description="distance at which lights are regarded [m]")
     reaction: Reaction = 0.3
 
     def idm(self) -> Idm:

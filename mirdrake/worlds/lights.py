@@ -76,6 +76,15 @@ class Light:
         phase = np.mod(np.asarray(time, dtype=float) + self.offset, self.green + self.amber + self.red)
         return np.where(phase < self.green, GREEN, np.where(phase < self.green + self.amber, AMBER, RED)).astype(float)
 
+    def phase(self, time: float) -> tuple[float, float]:
+        """Return the state at a time since the start [s], and for how long it lasts from then on [s]."""
+        rest = (time + self.offset) % (self.green + self.amber + self.red)
+        for state, duration in ((GREEN, self.green), (AMBER, self.amber)):
+            if rest < duration:
+                return float(state), duration - rest
+            rest -= duration
+        return float(RED), self.red - rest
+
 
 def make_lights(
     specs: Mapping[str, LightSpec], tracks: Mapping[str, Track], lanes: Mapping[str, Lane], network: Network | None
