@@ -10,6 +10,7 @@ import pymap3d
 import pytest
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.xml_reader import parse_xml
 from mirdrake.importing.roads import import_road_world, is_road_file
 from mirdrake.importing.roads.gps_tracks import _heights
 from mirdrake.importing.roads.openscenario import read_scenario_world
@@ -121,6 +122,17 @@ def test_faults_of_files_have_one_line(tmp_path: Path, file: str, text: str, mes
         import_road_world(tmp_path / file, folder=tmp_path / "worlds")
     assert "\n" not in str(error.value)
     assert not (tmp_path / "worlds").exists() or not any((tmp_path / "worlds").iterdir())
+
+
+def test_the_declaration_of_an_xml_file_may_follow_a_licence() -> None:
+    text = "<!-- Licence\n of <?xml?> two lines -->\n<?xml version='1.0'\n encoding='{}'?>\n<a>\n<b name='ä'/></a>"
+    for encoding in ("UTF-8", "ISO-8859-1"):
+        found = parse_xml(text.format(encoding).encode(encoding), "a.xodr", error=ConfigError)
+        assert [(element.tag, line) for element, line in found.lines.items()] == [("a", 5), ("b", 6)]
+        assert found.root[0].get("name") == "ä"
+    for wrong in (b"<a/><?xml version='1.0'?>", b"<!-- --> text <?xml version='1.0'?><a/>", b"<!-- -" * 100_000):
+        with pytest.raises(ConfigError, match=r"^a\.xodr:1: not valid XML"):
+            parse_xml(wrong, "a.xodr", error=ConfigError)
 
 
 # --- CommonRoad ---------------------------------------------------------------------------------------------------
@@ -344,6 +356,39 @@ def test_openscenario_lane_change_to_the_other_direction_is_reported_as_such(tmp
         reason_given = next(c.reason for c in made.changes if c.part == "'CutIn' of Other" and c.left_out)
         assert reason_given.endswith(reason)
     assert "change_lane: right" in block(scenario(tmp_path, text.replace("WANTED", "-2"), map_text), "scenario")[1]
+
+
+def test_openscenario_track_ends_on_its_lane_also_where_a_rounded_length_would_not(tmp_path: Path) -> None:
+    short = document(road("0", geometry(0.0, 0.0, 0.0, 114.25636)))
+    text = SCENARIO.replace('laneId="-3" s="5"', 'laneId="-1" s="5"')
+    (track,) = block(scenario(tmp_path, text, short), "tracks")
+    assert track == "ego_lane: {route: {from: 0.0.-1@0, to: 0.0.-1@114.2563}}"
+    world = import_road_world(tmp_path / "cut_in.xosc", folder=tmp_path / "worlds")
+    assert list(load_world(str(world.path)).starts) == ["ego"]
+
+
+def test_openscenario_entities_have_the_values_of_parameters_of_the_file_and_of_their_catalogue(tmp_path: Path) -> None:
+    (tmp_path / "road.xodr").write_text(document(road("0", geometry(0.0, 0.0, 0.0, 100.0))), encoding="utf-8")
+    box = '<BoundingBox><Center x="$middle"/><Dimensions length="$length" width="2" height="1.5"/></BoundingBox>'
+    own = '<ParameterDeclarations><ParameterDeclaration name="{}" value="{}"/></ParameterDeclarations>'
+    entry = f'<Vehicle name="bus" vehicleCategory="bus">{own.format("length", 12)}{box}</Vehicle>'
+    (tmp_path / "bus.xosc").write_text(f"<OpenSCENARIO><Catalog>{entry}</Catalog></OpenSCENARIO>", encoding="utf-8")
+    assigned = '<ParameterAssignments><ParameterAssignment parameterRef="length" value="$long"/></ParameterAssignments>'
+    file = f"""<OpenSCENARIO>
+      <ParameterDeclarations>
+        <ParameterDeclaration name="what" value="van"/><ParameterDeclaration name="long" value="9"/>
+        <ParameterDeclaration name="length" value="5"/><ParameterDeclaration name="middle" value="1.5"/>
+      </ParameterDeclarations>
+      <CatalogLocations><VehicleCatalog><Directory path="."/></VehicleCatalog></CatalogLocations>
+      <Entities>
+        <ScenarioObject name="a"><Vehicle vehicleCategory="$what">{box}</Vehicle></ScenarioObject>
+        <ScenarioObject name="b"><CatalogReference catalogName="c" entryName="bus"/></ScenarioObject>
+        <ScenarioObject name="c">
+          <CatalogReference catalogName="c" entryName="bus">{assigned}</CatalogReference></ScenarioObject>
+      </Entities><Storyboard/></OpenSCENARIO>"""
+    (tmp_path / "file.xosc").write_text(file, encoding="utf-8")
+    found = [(one.kind, one.size[0], one.middle) for one in Scenario(tmp_path / "file.xosc").entities()]
+    assert found == [("van", 5.0, 1.5), ("bus", 12.0, 1.5), ("bus", 9.0, 1.5)]
 
 
 def test_openscenario_test_of_an_ego_at_the_end_of_its_lane_has_no_track(tmp_path: Path) -> None:

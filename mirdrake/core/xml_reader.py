@@ -1,5 +1,6 @@
 """Reader of XML files to trees with the line of each element; files are bounded in size and have no entities."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,11 @@ from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.yaml_io import display_path
 
 __all__ = ["Element", "XmlDocument", "parse_xml", "read_xml_bytes"]
+
+_LATE_DECLARATION = re.compile(
+    rb"(?s)(?=[\s<](?!\?))\s*+(?:<!--(?>.*?-->)\s*+)*+(<\?xml\s(?:[^>]*?encoding=[\"']([\w.-]+)[\"'])?[^>]*\?>)"
+)
+"""XML declaration that follows white space or comments, and its encoding."""
 
 _TEXT_AFTER_ROOT = expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]
 
@@ -75,6 +81,11 @@ def parse_xml(
     stack: list[Element] = []
     root: list[Element] = []
     parser = expat.ParserCreate()
+    # A licence before the declaration is frequent, and other readers accept it; to this parser it would be an error.
+    if isinstance(data, bytes) and (late := _LATE_DECLARATION.match(data)) is not None:
+        begin, end_of_it = late.span(1)
+        data = data[:begin] + b"\n" * late[1].count(b"\n") + data[end_of_it:]
+        parser = expat.ParserCreate(late[2].decode() if late[2] else None)
 
     # ElementTree's own parser does not keep line numbers, which the messages need.
     def start(tag: str, attributes: dict[str, str]) -> None:

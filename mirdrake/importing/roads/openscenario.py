@@ -12,7 +12,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot, find_spot
-from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, number, pose
+from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, number, pose, station
 from mirdrake.importing.roads.storyboard import Board, conditions, read_steps
 from mirdrake.importing.target import plain_name
 from mirdrake.worlds.networks import Network
@@ -98,7 +98,7 @@ def _ego(name: str, spot: Spot, speed: float, network: Network | None) -> list[s
     """Return a track along the lane of the ego vehicle, if there is one, and its start."""
     lines = []
     if (part := _track(spot, network)) is not None:
-        places = f"from: {spot.lane}@{number(part[0])}, to: {spot.lane}@{number(part[1])}"
+        places = f"from: {spot.lane}@{station(part[0])}, to: {spot.lane}@{station(part[1])}"
         lines += ["", "tracks:", f"  {name}_lane: {{route: {{{places}}}}}"]
     return [*lines, "", "start:", f"  {name}: {{{pose(*spot.pose)}, speed: {number(speed)}}}"]
 
@@ -114,7 +114,7 @@ def _track(spot: Spot, network: Network | None) -> tuple[float, float] | None:
 def _actor(entity: Entity, spot: Spot, speed: float) -> str:
     """Return an entry of `actors`: on its lane, or straight ahead."""
     if spot.lane is not None:
-        place = f"on_lane: {{lane: {spot.lane}, s: {number(spot.s)}, offset: {number(spot.offset)}}}"
+        place = f"on_lane: {{lane: {spot.lane}, s: {station(spot.s)}, offset: {number(spot.offset)}}}"
     else:
         x, y, yaw = spot.pose
         # A path for one minute at the speed of the actor.

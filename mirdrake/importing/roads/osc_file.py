@@ -143,7 +143,17 @@ class Scenario:
             catalogue = self.text(reference, "catalogName") if reference is not None else ""
             if inner is None and reference is not None:
                 inner = self._from_catalogue(entry)
-            yield _entity(element.get("name", ""), inner, entry, catalogue)
+            # An entity has parameters of its own, to which the reference to a catalogue assigns values.
+            known = self.parameters
+            for holder, tag, key in ((inner, "Declaration", "name"), (reference, "Assignment", "parameterRef")):
+                if holder is not None:
+                    rows = holder.iterfind(f"Parameter{tag}s/Parameter{tag}")
+                    self.parameters = self.parameters | {
+                        row.get(key, "").lstrip("$"): self.text(row, "value") for row in rows
+                    }
+            entity = self._entity(element.get("name", ""), inner, entry, catalogue)
+            self.parameters = known
+            yield entity
 
     def _from_catalogue(self, entry: str) -> Element | None:
         """Return an entry of the catalogues below the folders of the file."""
@@ -160,33 +170,32 @@ class Scenario:
                     return element
         return None
 
+    def _entity(self, name: str, element: Element | None, entry: str, catalogue: str) -> Entity:
+        """Return an entity; if no catalogue has its entry, kind and size are guessed from the names."""
+        words = f"{catalogue} {entry}".lower()
+        guess = next((kind for kind in _PROPS if kind in words), "object" if "misc" in words else "car")
+        # A usual car, whose reference point is at the rear axle.
+        kind, size, middle = guess, (4.5, 1.8, 1.5), 1.35
+        if guess == "pedestrian":
+            size, middle = (0.5, 0.6, 1.75), 0.0
+        if element is not None:
+            given = (self.text(element, f"{tag}Category") for tag in ("vehicle", "pedestrian", "miscObject"))
+            kind = "pedestrian" if element.tag == "Pedestrian" else next(filter(None, given), guess)
+            sides, centre = element.find("BoundingBox/Dimensions"), element.find("BoundingBox/Center")
+            try:
+                if sides is not None:
+                    size = tuple(float(self.text(sides, key)) for key in ("length", "width", "height"))  # type: ignore[assignment]
+                middle = float("" if centre is None else self.text(centre, "x"))
+            except ValueError:
+                middle = 0.0 if kind == "pedestrian" else 1.35
+        return Entity(name, kind, size, middle)
+
 
 def _number_or_text(text: str) -> Number | str:
     try:
         return float(text)
     except ValueError:
         return text
-
-
-def _entity(name: str, element: Element | None, entry: str, catalogue: str) -> Entity:
-    """Return an entity; if no catalogue has its entry, kind and size are guessed from the names."""
-    words = f"{catalogue} {entry}".lower()
-    guess = next((kind for kind in _PROPS if kind in words), "object" if "misc" in words else "car")
-    # A usual car, whose reference point is at the rear axle.
-    kind, size, middle = guess, (4.5, 1.8, 1.5), 1.35
-    if guess == "pedestrian":
-        size, middle = (0.5, 0.6, 1.75), 0.0
-    if element is not None:
-        given = element.get("vehicleCategory") or element.get("pedestrianCategory") or element.get("miscObjectCategory")
-        kind = "pedestrian" if element.tag == "Pedestrian" else given or guess
-        sides, centre = element.find("BoundingBox/Dimensions"), element.find("BoundingBox/Center")
-        try:
-            if sides is not None:
-                size = tuple(float(sides.get(key, "")) for key in ("length", "width", "height"))  # type: ignore[assignment]
-            middle = float("" if centre is None else centre.get("x", ""))
-        except ValueError:
-            middle = 0.0 if kind == "pedestrian" else 1.35
-    return Entity(name, kind, size, middle)
 
 
 # --- positions ----------------------------------------------------------------------------------------------------

@@ -39,6 +39,11 @@ def number(value: float) -> str:
     return "0" if text == "-0" else text
 
 
+def station(s: float) -> str:
+    """Return a station on a lane [m], rounded down, so that it is not beyond the end of the lane."""
+    return number(math.floor(s * 1e4) / 1e4)
+
+
 def pose(x: float, y: float, yaw: float) -> str:
     """Return keys of a pose; the heading has a resolution of 1e-4 deg."""
     # Angles within ±180 deg.

@@ -135,6 +135,8 @@ def _steps(board: Board, act: Element, event: Element, action: Element, actors: 
     Raises:
         NotRepresentedError: it is not a step.
     """
+    if action.find("GlobalAction") is not None:
+        raise NotRepresentedError("steps are those of actors")
     # A group of several actors would have to do the same at once, for which steps have no form.
     if len(actors) != 1 or actors[0] not in board.spots:
         raise NotRepresentedError("a step has one actor that is on the network")

@@ -82,7 +82,7 @@ def find_place(network: Network, place: str | Sequence[float], *, where: str = "
         raise ConfigError(f"{prefix}{place!r} is not a place; write lane@station, for example '3.0.-1@40', or [x, y]")
     lane, s = network.lane(match[1], where=where), float(match[2] or 0.0)
     if not 0.0 <= s <= lane.length:
-        raise ConfigError(f"{prefix}s = {s:g} m; lane '{lane.id}' is {lane.length:.4g} m long")
+        raise ConfigError(f"{prefix}s = {s:.10g} m; lane '{lane.id}' is {lane.length:.10g} m long")
     return lane.id, s
 
 
