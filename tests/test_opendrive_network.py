@@ -127,6 +127,13 @@ def test_lights_hold_before_a_sign_beside_them(tmp_path: Path, sign: str) -> Non
     assert (line.lane, line.kind, line.signal) == ("180.0.1", "lights", "L")
 
 
+def test_objects_that_are_no_stop_lines_are_counted(tmp_path: Path) -> None:
+    rows = ('type="building"', 'type="building" name="house"', 'name="bush"', 'type="roadMark" subtype="stopLine"')
+    objects = "".join(f'<object id="{i}" s="{10 + i}" t="4" {row}/>' for i, row in enumerate(rows))
+    straight = road("0", geometry(0.0, 0.0, 0.0, 50.0), more=f"<objects>{objects}</objects>")
+    assert read(tmp_path, document(straight)).notes == ("objects of type building: 2", "objects of type none: 1")
+
+
 def test_validity_and_signal_reference(tmp_path: Path) -> None:
     two = section(right=[lane(-1), lane(-2)])
     only = '<validity fromLane="-2" toLane="-2"/>'
@@ -222,6 +229,13 @@ def test_sections_link_lanes_and_a_lane_that_opens_has_its_slope(tmp_path: Path)
     assert (x, y) == pytest.approx((75.0, -4.375), abs=1e-3)
     assert yaw == pytest.approx(-math.atan(0.75 * 3.5 / 50.0), abs=1e-4)
     assert max(worst_gaps(network)) < 1e-9
+
+
+def test_of_polynomials_that_begin_at_the_same_station_the_last_one_counts(tmp_path: Path) -> None:
+    none = '<width sOffset="0" a="nan" b="nan" c="nan" d="nan"/><width sOffset="0" a="9" b="0" c="0" d="0"/>'
+    wide = lane(-1, width=3.0).replace("<width", none + "<width")
+    network = read(tmp_path, document(road("0", geometry(0.0, 0.0, 0.0, 50.0), section(right=[wide]))))
+    assert network.lane("0.0.-1").pose(10.0)[1] == pytest.approx(-1.5)
 
 
 def test_speed_limits_heights_and_left_hand_traffic(tmp_path: Path) -> None:

@@ -222,6 +222,18 @@ def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path
     assert light.offset == pytest.approx(4.0)
 
 
+def test_commonroad_lights_without_a_line_of_their_own_are_left_out(tmp_path: Path) -> None:
+    light = COMMONROAD[COMMONROAD.index("<trafficLight ") : COMMONROAD.index("<staticObstacle")]
+    second = light.replace('id="8"', 'id="9"') + light.replace('id="8"', 'id="10"')
+    text = COMMONROAD.replace(light, light + second).replace(
+        '<trafficLightRef ref="8"/>', 2 * '<trafficLightRef ref="8"/>'
+    )
+    text = text.replace('<trafficLightRef ref="8"/>', '<trafficLightRef ref="9"/>', 1)
+    result, world = imported(tmp_path, "lights.xml", text)
+    assert list(world.lights) == ["light_8"]
+    assert lost(result) == ["cycle of light 'light_9': ", "cycle of light 'light_10': "]
+
+
 # --- OpenSCENARIO -------------------------------------------------------------------------------------------------
 
 THREE_LANES = document(

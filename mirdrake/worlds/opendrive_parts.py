@@ -74,9 +74,13 @@ class Cubics:
 
     @staticmethod
     def read(elements: Iterable[Element], key: str, places: Places, *, begin: float = 0.0) -> "Cubics":
-        """Return the polynomials of elements whose start is begin + their attribute `key`."""
-        rows = [[begin + number_of(e, key, places), *(number_of(e, name, places) for name in "abcd")] for e in elements]
-        return Cubics(np.array(sorted(rows), dtype=float).reshape(-1, 5))
+        """Return the polynomials of elements whose start is begin + their attribute `key`.
+
+        Of several that begin at the same station, all but the last one have no length; some files have NaN there.
+        """
+        last = {begin + number_of(e, key, places): e for e in elements}
+        rows = [[s, *(number_of(last[s], name, places) for name in "abcd")] for s in sorted(last)]
+        return Cubics(np.array(rows, dtype=float).reshape(-1, 5))
 
     def __call__(self, s: Array, at: float) -> tuple[Array, Array, Array]:
         """Return values and two derivatives at s by the polynomial that is valid at the station `at`; 0 without one."""

@@ -8,7 +8,7 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -79,8 +79,11 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
     # The programme of a light is the only part of `signals` that CommonRoad states; stop lines come from lanelets.
     lines += [f"network: {{commonroad: {name}/map.xml}}"]
+    obeyed = {line.signal for line in network.stop_lines}
     programmes = (
-        row for element in root.iterfind("trafficLight") for row in _programme(element, step, document, made.changes)
+        row
+        for element in root.iterfind("trafficLight")
+        for row in _programme(element, step, obeyed, document, made.changes)
     )
     if lights := list(programmes):
         lines += ["", "signals:", *lights]
@@ -154,8 +157,10 @@ def _states(element: Element, step: float, document: XmlDocument) -> bytes | Non
     return rows.getvalue().encode() if len(states) > 1 else None
 
 
-def _programme(element: Element, step: float, document: XmlDocument, changes: Changes) -> Iterator[str]:
-    """Yield the entry of `signals` for the cycle of a light; red and amber together count as red."""
+def _programme(
+    element: Element, step: float, obeyed: Container[str | None], document: XmlDocument, changes: Changes
+) -> Iterator[str]:
+    """Yield the entry of `signals` for the cycle of a light that controls a line; red and amber together are red."""
     cycle = element.find("cycle")
     if cycle is None:
         return
@@ -169,6 +174,10 @@ def _programme(element: Element, step: float, document: XmlDocument, changes: Ch
         old = ", ".join(f"{color} {time:g} s" for color, time in rows)
         why = "a programme has one green phase"
         changes.add(Code.ELEMENT, document.where(element), f"cycle of light '{name}'", old, None, why)
+        return
+    if name not in obeyed:
+        why = "it controls no line; a line has one light"
+        changes.add(Code.ELEMENT, document.where(element), f"cycle of light '{name}'", "", None, why)
         return
     red = math.fsum(time for color, time in times.items() if color not in {"green", "yellow"})
     whole = math.fsum(times.values())

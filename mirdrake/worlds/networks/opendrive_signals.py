@@ -56,6 +56,7 @@ def read_signals(
     marks: list[_Mark] = []
     lines: list[_Mark] = []
     unread: Counter[str] = Counter()
+    objects: Counter[str] = Counter()
     for road in roads.values():
         for element in road.element.iterfind("signals/signal"):
             code = element.get("type", "")
@@ -76,11 +77,14 @@ def read_signals(
             # Files name stop lines that are objects in several ways.
             if re.search(r"stop[ _]?line", text, re.IGNORECASE):
                 lines.append(_Mark("none", None, _valid_places(element, road, lanes, places)))
+            else:
+                objects[element.get("type") or "none"] += 1
 
     # Only after all signals are known, because a reference may precede the signal that it names.
     for road in roads.values():
         marks += _references(road, signals, lanes, places)
     notes = [f"signs of type {code}, without effect: {count}" for code, count in sorted(unread.items())]
+    notes += [f"objects of type {kind}: {count}" for kind, count in sorted(objects.items())]
     return signals, tuple(_stop_lines(marks, lines, lanes)), tuple(notes)
 
 
