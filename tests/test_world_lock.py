@@ -207,3 +207,8 @@ def test_a_road_of_varying_width_is_locked_with_its_edges() -> None:
     wider = dataclasses.replace(world, tracks={"lane": wide})
     assert yaml.safe_load(lock_text(wider))["tracks"]["lane"]["widths"] == [[0, 1, 1.5], [5, 2, 1.5], [20, 2, 3]]
     assert lock_hash(wider) != lock_hash(world)
+
+
+def test_a_network_without_banking_has_the_hash_of_before_banking_was_read() -> None:
+    found = yaml.safe_load(lock_text(load_world("town")))["network"]["content"]
+    assert found == "fb31200f8c7d402138011008211672b90bc946d1dedaa6f758b6d6469ab02140"
