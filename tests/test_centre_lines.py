@@ -262,6 +262,13 @@ def test_edges_of_a_closed_track_are_periodic():
     assert np.interp(100.0, s, left) == pytest.approx(np.interp(100.0, np.arange(250) * 2.0, width), abs=0.02)
 
 
+def test_a_point_where_the_road_has_no_width_is_named():
+    line, points = Track([Piece(90.0, 0.0, 0.0)]), np.column_stack((np.arange(0.0, 100.0, 10.0), np.zeros(10)))
+    width = np.abs(np.arange(0.0, 100.0, 10.0) - 60.0) / 20.0
+    with pytest.raises(WorldError, match=r"^the road is 0 m wide at point 7, at \(60, 0\) m$"):
+        edges_from_widths(line, points, width, width)
+
+
 def test_a_point_that_is_off_the_road_is_named():
     line = Track([Piece(100.0, 0.0, 0.0)])
     points = np.column_stack((np.arange(0.0, 100.0, 10.0), np.zeros(10)))

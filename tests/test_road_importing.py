@@ -108,6 +108,11 @@ def test_csv_with_latitude_longitude_and_height_has_relief(tmp_path: Path) -> No
         ("a.csv", "lat,lon\n1,2\n3,x\n", r"a.csv:3: column 'lon': 'x' is not a number"),
         ("a.csv", "lat,lon\n91,2\n", r"a.csv:2: 91, 2 deg is not a latitude and a longitude"),
         ("a.gpx", "<gpx><trk/></gpx>", "a.gpx: 0 positions; a track needs four or more"),
+        (
+            "a.csv",
+            "lat,lon\n0,0\n0,0.0005\n0,0.0015\n0,0.002\n",
+            "a.csv:4: 111.3 m from the position before; a track needs at most 100 m; record the way, or export",
+        ),
         ("a.gpx", "<kml/>", "a.gpx:1: <kml> is not GPX, whose root is <gpx>"),
         ("a.xml", "<osm/>", "a.xml:1: <osm> is not CommonRoad, whose root is <commonRoad>"),
         ("a.xml", "<commonRoad/>", "a.xml:1: contains no lanelet"),

@@ -32,6 +32,7 @@ _BULGE = 0.05  # small distance of the curve from a chord, over the length of th
 _WIDER = 2.0  # largest bulge, over that of the Catmull-Rom curve
 _SPLITS = 4  # number of times that inserted points are doubled where the curve bulges more
 _GAP = (1e-6, 1e-8)  # [m], [rad] largest gap of a closed curve
+_NO_WIDTH = 0.01  # [m] narrower roads have no width, such as lanes that close
 
 
 def pieces_through(
@@ -118,6 +119,10 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
     widths = np.column_stack((sides[0] + offset, sides[1] - offset))
     if not (widths > 0.0).all():
         i = int(np.argmin(widths.min(axis=1)))
+        # A road without width, such as a lane that closes, is no matter of smoothing.
+        if (width := sides[0][i] + sides[1][i]) < _NO_WIDTH:
+            x, y = places[i]
+            raise WorldError(f"the road is {width:.3g} m wide at point {i + 1}, at ({x:.6g}, {y:.6g}) m")
         raise WorldError(
             f"point {i + 1} is {abs(offset[i]):.3g} m off the centre line, more than the road is wide there; "
             "make smooth smaller"

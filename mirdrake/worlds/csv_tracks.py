@@ -20,7 +20,8 @@ DEFAULT_COLUMNS = {"x": "x_m", "y": "y_m", "right": "w_tr_right_m", "left": "w_t
 
 _LARGEST = 20_000_000  # bytes
 _FARTHEST = 1e8  # [m] from the origin
-_JUMP = (100.0, 20.0)  # [m], [median spacing]: largest distance between neighbours
+JUMP = (100.0, 20.0)
+"""Largest distance between neighbours [m] and [median distance]."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def read_csv_track(
         where = table.row(index + 1)
         if chord < 1e-6:
             raise ConfigError(f"{where}: the point of line {lines[index]} is repeated; delete one of them")
-        if chord > _JUMP[0] or chord > _JUMP[1] * median:
+        if chord > JUMP[0] or chord > JUMP[1] * median:
             raise ConfigError(
                 f"{where}: jumps {chord:.4g} m from the point before; the median here is {median:.3g} m; sort the "
                 "points in driving order, add the missing ones, or set scale"

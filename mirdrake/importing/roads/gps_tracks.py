@@ -23,6 +23,7 @@ from mirdrake.importing.roads.road_world import RoadWorld, number
 from mirdrake.readers.csv_files import read_csv
 from mirdrake.readers.tables import Request
 from mirdrake.worlds.centre_lines import pieces_through
+from mirdrake.worlds.csv_tracks import JUMP
 from mirdrake.worlds.pieces import Array, Piece
 from mirdrake.worlds.tracks import Track
 
@@ -74,6 +75,14 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     if len(places) < 4:
         raise ConfigError(
             f"{display_path(source)}: the positions are within {_APART:g} m of each other; a track needs four"
+        )
+    # Positions far apart, such as the turns of a route, do not tell where the road between them is.
+    chords = np.hypot(*np.diff(places, axis=0).T)
+    if (far := float(chords.max())) > JUMP[0]:
+        line = lines[indices[int(chords.argmax()) + 1]]
+        raise ConfigError(
+            f"{display_path(source)}:{line}: {far:.4g} m from the position before; a track needs at most "
+            f"{JUMP[0]:g} m; record the way, or export the route with its shape"
         )
     if len(indices) < len(degrees):
         why = f"points closer than {_spacing(east, north):.3g} m carry noise only"
