@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from mirdrake.core.compiled import as_arrays, compiled, entry_point
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.interpolation import invert_map, read_map
 from mirdrake.core.yaml_io import parse_yaml
@@ -18,6 +19,7 @@ from mirdrake.plant.powertrain.engine import GearState, engine_point, make_engin
 from mirdrake.plant.powertrain.maps import PedalMaps
 from mirdrake.plant.powertrain.motor import Motor, full_torque, generator_torque, make_motor, wheel_limits
 from mirdrake.plant.powertrain.stability import stability_torques
+from mirdrake.plant.powertrain.system import UPDATE_PARTS, StatePlaces, update
 from mirdrake.tyres.brush import BrushTyre, brush_forces
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.powertrain_spec import (
@@ -559,3 +561,40 @@ def test_options_are_off_by_default_and_true_means_their_defaults():
     assert change("brakes.abs=false").brakes.abs is None
     assert change("brakes.abs=true").brakes.abs == Antilock()
     assert change("brakes.esc={gain: 5}").brakes.esc == Stability(gain=5.0)
+
+
+@pytest.mark.parametrize("name", ["bolt", "mkz"])
+def test_machine_code_does_the_same_to_the_bit(name):
+    law, places = law_of_plant(name), StatePlaces((13, 14, 15, 16), (11, 12), 0, 4, 2.6, 0.75, 0.8)
+    # Compiled for each vehicle's numbers as for the plant; wheel slips, both pedals and all gears are drawn.
+    compiled_update = entry_point(compiled(update, parts=UPDATE_PARTS))
+    constants = places, law.numbers, law.assistance
+    machine = places, as_arrays(law.numbers), law.assistance
+    memories, random, interventions = (law.rest(), np.array(law.rest())), np.random.default_rng(1), 0.0
+    for k in range(400):
+        speed = 15.0 * random.uniform(-0.2, 1.0)
+        spins, pedals = (
+            speed / RADIUS + random.normal(size=4) * 5.0,
+            random.uniform(0.0, 1.0, 2) * [k % 3 > 0, k % 4 < 1],
+        )
+        motion = [*random.normal(size=3) * 0.2, speed, *random.normal(size=2) * 0.2]
+        x = np.array([1.0, *random.normal(size=3) * 0.1, *motion, 0.0, *random.normal(size=2) * 0.2, *spins])
+        given = x, random.normal(size=4) * 0.1, np.array([*pedals, (1.0, 1.0, 1.0, -1.0, 0.0)[k % 5]])
+        torques, shown = (np.zeros(8), [0.0] * 8), (np.zeros(9), [0.0] * 9)
+        compiled_update((*machine, *given, memories[1], torques[0], shown[0]))
+        x, rear, pedals = (values.tolist() for values in given)
+        update(*constants, x, rear, pedals, memories[0], torques[1], shown[1])
+        interventions += shown[0][8]
+        assert np.array_equal(torques[0], torques[1])
+        assert np.array_equal(shown[0], shown[1])
+        assert np.array_equal(memories[0], memories[1])
+    assert interventions > 50.0
+
+
+def law_of_plant(name: str) -> PowertrainLaw:
+    vehicle = load_vehicle(f"{name}@handling")
+    brakes = vehicle.spec.brakes.model_copy(update={"esc": Stability()})
+    spec = vehicle.spec.model_copy(update={"brakes": brakes})
+    return PowertrainLaw(
+        spec, radii=(RADIUS,) * 4, mass=MASS, wheelbase=2.6, inertias=(1.5, 1.6, 1.7, 1.8), period=PERIOD
+    )

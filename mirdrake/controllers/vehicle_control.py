@@ -27,16 +27,18 @@ from mirdrake.controllers.control_step import (
     forward_speed,
 )
 from mirdrake.controllers.joint_blocks import STATUS
-from mirdrake.core.compiled import compiled, records
+from mirdrake.core.compiled import as_arrays, compiled, entry_point, records
 from mirdrake.core.json_io import Json
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, WHEELS
 from mirdrake.plant.powertrain import PEDALS, ActuatorLaw, PowertrainLaw
+from mirdrake.plant.powertrain.law import POWERTRAIN_PARTS, throttle_limits
 from mirdrake.plant.powertrain.system import make_law
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.joint_control.base import NoNumbers, PedalController, PedalPositions, feedforward_only
+from mirdrake.vehicles.joint_control.pedals import PEDAL_PARTS, PedalLaw, pedal_step
 from mirdrake.vehicles.spec import AssumedGeometry
 
 if TYPE_CHECKING:
@@ -192,6 +194,12 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._gain_numbers = [records(type(number), [number]) for number in numbers]
             parts: list[Callable[..., Any]] = [*CONTROL_PARTS, *wheel.law_parts, *steering.law_parts]
             self._run = compiled(control_step, (wheels, *laws), parts=parts)
+        # A kind of the user's has its own law of the pedals, which stays in Python.
+        self._press: Callable[[tuple[Any, ...]], PedalPositions] | None = None
+        if machine_code and powertrain is not None and isinstance(self.pedal_law, PedalLaw):
+            self._press_numbers = as_arrays(self.pedal_law.pedal_numbers), as_arrays(powertrain.numbers)
+            press = compiled(pedal_step, throttle_limits, parts=(*PEDAL_PARTS, *POWERTRAIN_PARTS))
+            self._press = entry_point(press)
 
     @property
     def pedal_memory(self) -> int:
@@ -246,6 +254,9 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         if self.pedal_law is None:
             return trimmed, None
+        if self._press is not None:
+            gains, at, speed = self._read_gains(context, 1, x), self.pedal_memory, self._forward_speed(x)
+            return trimmed, self._press((*self._press_numbers, memory, at, float(status[0]), slope, speed, gains))
 
         # Pedals follow the limited set-point and its slope, which the step has just calculated.
         memory[self._pedal_memory], pedals = self.pedal_law.step(
@@ -294,7 +305,7 @@ class VehicleControl(ControlUnit):
         plant: the finalised plant.
         part: the vehicle in it.
         machine_code: whether the step is compiled; up to 0.1 s more at the start, and about half of the time from then
-            on. Pedals stay in Python.
+            on.
     """
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:

@@ -154,19 +154,21 @@ def entry_point(function: Callable[..., Any]) -> Callable[[tuple[Any, ...]], Any
     have the types of the first ones.
 
     Args:
-        function: a function of :func:`compiled` with laws.
+        function: a function of :func:`compiled`.
     """
     machine_code: Any = function
-    quick: Callable[[tuple[Any, ...]], Any] | None = None
+    quick: Callable[..., Any] | None = None
+    # All arguments of a function around laws are one tuple for Numba.
+    around = hasattr(machine_code, "compile") and bool(machine_code.py_func.__code__.co_flags & inspect.CO_VARARGS)
 
     def call(arguments: tuple[Any, ...]) -> Any:
         nonlocal quick
         if quick is None:
             if not hasattr(machine_code, "compile"):  # Numba is switched off
                 return machine_code(*arguments)
-            # All arguments of a function around laws are one tuple for Numba.
-            quick = machine_code.compile((machine_code.typeof_pyval(arguments),))
-        return quick(arguments)
+            given = (arguments,) if around else arguments
+            quick = machine_code.compile(tuple(map(machine_code.typeof_pyval, given)))
+        return quick(arguments) if around else quick(*arguments)
 
     return call
 

@@ -114,5 +114,5 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         # The third force is the set-point of the wheel servos; the present speed makes the servos add no force.
         values.set_value(self._forces, [drive, brake, speed])
-        values.set_value(self._status, torques.status)
+        values.set_value(self._status, list(torques.status))
         values.set_value(self._memory, memory)

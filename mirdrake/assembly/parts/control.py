@@ -18,6 +18,12 @@ from mirdrake.plant.plant import PlantParts, VehicleInPlant
 _COMPILED = 1000
 
 
+def uses_machine_code(spec: DiagramSpec, part: VehicleInPlant) -> bool:
+    """Return whether control unit and powertrain of a vehicle are compiled."""
+    given = spec.plant.machine_code
+    return spec.duration * part.vehicle.control.rate >= _COMPILED if given is None else given
+
+
 def is_expanded(spec: DiagramSpec, unit: VehicleControl, name: str) -> bool:
     """Return whether a diagram needs the blocks of a vehicle's control unit: to replace, connect or record one."""
     prefix = f"{name}.control."
@@ -47,10 +53,7 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
         spec: the diagram.
         expand: whether to add the blocks even if nothing refers to them.
     """
-    machine_code = spec.plant.machine_code
-    if machine_code is None:
-        machine_code = spec.duration * part.vehicle.control.rate >= _COMPILED
-    unit = VehicleControl(parts.plant, part, machine_code=machine_code)
+    unit = VehicleControl(parts.plant, part, machine_code=uses_machine_code(spec, part))
     if not expand and not is_expanded(spec, unit, part.name):
         wiring.add(f"{part.name}.control", unit)
         return unit

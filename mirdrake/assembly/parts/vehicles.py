@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from mirdrake.assembly.diagram_spec import SPLIT, DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
-from mirdrake.assembly.parts.control import add_control
+from mirdrake.assembly.parts.control import add_control, uses_machine_code
 from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.controllers.motion_tracking import MotionTracker
 from mirdrake.core.errors import ConfigError
@@ -79,7 +79,7 @@ def add_vehicle_systems(
         wiring.name_elements(f"{name}.{own}", name)
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
-    powertrain = _add_powertrain(wiring, parts, part, control)
+    powertrain = _add_powertrain(wiring, parts, part, control, machine_code=uses_machine_code(spec, part))
     if part.vehicle.spec.steering.rear is not None:
         _add_rear_steering(wiring, parts, part, powertrain)
 
@@ -144,12 +144,14 @@ def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> Input
     return split.get_input_port()
 
 
-def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: System) -> Powertrain | None:
+def _add_powertrain(
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: System, *, machine_code: bool
+) -> Powertrain | None:
     """Add powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
     name = part.name
     if not control.HasOutputPort("pedals"):
         return None
-    powertrain = Powertrain(parts.plant, part)
+    powertrain = Powertrain(parts.plant, part, machine_code=machine_code)
     wiring.add(f"{name}.powertrain", powertrain)
     wiring.link(parts.plant.get_state_output_port(), powertrain.plant_state)
     wiring.sources[f"{name}.pedals"] = (control.GetOutputPort("pedals"), PEDALS)

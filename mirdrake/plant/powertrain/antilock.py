@@ -22,6 +22,22 @@ from mirdrake.vehicles.powertrain_spec import Antilock, Traction
 BRAKING, DRIVING = -1.0, 1.0
 
 
+class SlipControl(NamedTuple):
+    """Slip control as plain numbers: the fields of :class:`Antilock` and :class:`Traction`, if there is one."""
+
+    present: bool
+    target_slip: float = 0.1
+    gain: float = 0.0
+    min_speed: float = 0.0
+
+
+def make_slip_control(options: Antilock | Traction | None) -> SlipControl:
+    """Return the numbers of a slip control."""
+    if options is None:
+        return SlipControl(present=False)
+    return SlipControl(True, options.target_slip, options.gain, options.min_speed)
+
+
 class SlipState(NamedTuple):
     """Memory of the slip control of a wheel.
 
@@ -43,11 +59,10 @@ class SlipState(NamedTuple):
 def hold_slip(
     state: SlipState,
     wanted: float,
-    *,
     direction: float,
     rate: float,
     speed: float,
-    options: Antilock | Traction,
+    options: SlipControl | Antilock | Traction,
     radius: float,
     inertia: float,
     period: float,
@@ -71,7 +86,7 @@ def hold_slip(
     slip = direction * (rate * radius - speed) / max(speed, options.min_speed)
     too_slow = direction == BRAKING and speed < options.min_speed
     # A first step has no earlier rate to compare with; below the lowest speed the brake may lock the wheel.
-    if not state.started or too_slow or wanted <= 0.0:
+    if state.started == 0.0 or too_slow or wanted <= 0.0:
         return SlipState(0.0, wanted, rate, speed, 1.0), wanted
     # o, the torque of all other sources, and u, with which the slip error decays; see the head of the module.
     others = inertia * (rate - state.rate) / period - direction * state.torque
@@ -81,4 +96,4 @@ def hold_slip(
     # Hysteresis: control starts at half of the target slip and ends when the demand is below its limit.
     active = limit < wanted and (state.active > 0.0 or slip > 0.5 * options.target_slip)
     torque = limit if active else wanted
-    return SlipState(float(active), torque, rate, speed, 1.0), torque
+    return SlipState(1.0 if active else 0.0, torque, rate, speed, 1.0), torque

@@ -10,7 +10,14 @@ from typing import NamedTuple
 
 from mirdrake.core.interpolation import TABLE_PARTS, Rows, read_map
 from mirdrake.plant.powertrain.actuator import ActuatorLaw, ActuatorNumbers, actuator_step, follow
-from mirdrake.plant.powertrain.antilock import BRAKING, DRIVING, SlipState, hold_slip
+from mirdrake.plant.powertrain.antilock import (
+    BRAKING,
+    DRIVING,
+    SlipControl,
+    SlipState,
+    hold_slip,
+    make_slip_control,
+)
 from mirdrake.plant.powertrain.brakes import (
     BRAKE_PARTS,
     AxleShares,
@@ -32,7 +39,12 @@ from mirdrake.plant.powertrain.engine import (
 )
 from mirdrake.plant.powertrain.maps import PedalMaps
 from mirdrake.plant.powertrain.motor import MOTOR_PARTS, Motor, make_motor, wheel_limits, wheel_regeneration
-from mirdrake.plant.powertrain.stability import stability_torques
+from mirdrake.plant.powertrain.stability import (
+    StabilityControl,
+    make_stability_control,
+    reference_yaw_rate,
+    stability_torques,
+)
 from mirdrake.vehicles.powertrain_spec import EnginePowertrain
 from mirdrake.vehicles.spec import VehicleSpec
 
@@ -68,7 +80,7 @@ class Torques(NamedTuple):
 
     drive: Four
     brake: Four
-    status: list[float]
+    status: tuple[float, float, float, float, float, float, float, float, float]
 
 
 class PowertrainNumbers(NamedTuple):
@@ -103,6 +115,26 @@ class PowertrainNumbers(NamedTuple):
     brake: ActuatorNumbers
     brake_size: int
     motor_first: bool = False
+
+
+class Assistance(NamedTuple):
+    """Antilock, stability and traction control of a vehicle as plain numbers.
+
+    Attributes:
+        antilock: antilock brakes.
+        stability: stability control.
+        traction: traction control.
+        radii: rolling radii of the wheels [m].
+        inertias: inertias of the wheels about their axles, with rotors [kg m²].
+        wheelbase: [m]
+    """
+
+    antilock: SlipControl
+    stability: StabilityControl
+    traction: SlipControl
+    radii: Four
+    inertias: Four
+    wheelbase: float
 
 
 class PedalTorques(NamedTuple):
@@ -221,6 +253,7 @@ class PowertrainLaw:
         shares: shares of the axles in the drive torque.
         maps: maps of the pedals.
         numbers: the powertrain as plain numbers.
+        assistance: antilock, stability and traction control as plain numbers.
 
     Args:
         spec: vehicle.yaml.
@@ -247,13 +280,11 @@ class PowertrainLaw:
         rotating: float | None = None,
         period: float,
     ) -> None:
-        self._period, self._wheelbase = period, wheelbase
-        self.radii, self._inertias = tuple(radii), tuple(inertias)
+        self.radii = tuple(radii)
         self.mass = mass
         # Wheels accelerate with the vehicle: I / R² is added to its mass.
         turning = sum(inertia / radius**2 for inertia, radius in zip(inertias, radii, strict=False))
         self.rotating = turning if rotating is None else rotating
-        self._brakes, self._traction = spec.brakes, spec.powertrain.traction
         self.shares = drive_shares(spec.drive, spec.powertrain.front_share)
         self.radius = self.shares.front * radii[0] + self.shares.rear * radii[2]
         self.maps = PedalMaps(spec.pedals, brake_torque=spec.brakes.max_torque)
@@ -280,11 +311,17 @@ class PowertrainLaw:
             brake_size=self._brake.size,
             motor_first=regeneration is not None and regeneration.distribution == "motor_first",
         )
+        known = len(inertias) > 0
+        self.assistance = Assistance(
+            make_slip_control(spec.brakes.abs if known else None),
+            make_stability_control(spec.brakes.esc if known else None),
+            make_slip_control(spec.powertrain.traction if known else None),
+            (radii[0], radii[1], radii[2], radii[3]),
+            (inertias[0], inertias[1], inertias[2], inertias[3]) if known else (0.0, 0.0, 0.0, 0.0),
+            wheelbase,
+        )
         # Sections of the memory: throttle, brake, gearbox, slip of four braked, then of four driven wheels.
-        gearbox = self._throttle.size + self._brake.size
-        self._gear = slice(gearbox, gearbox + _GEAR)
-        self._slips = [slice(self._gear.stop + row * _SLIP, self._gear.stop + (row + 1) * _SLIP) for row in range(8)]
-        self.size = self._slips[-1].stop
+        self.size = self._throttle.size + self._brake.size + _GEAR + 8 * _SLIP
 
     def rest(self, speed: float = 0.0) -> list[float]:
         """Return the memory at the start, with both pedals released, at a speed [m/s]."""
@@ -314,94 +351,143 @@ class PowertrainLaw:
             The memory for the next step, and the torques until then.
         """
         memory = list(memory)
-        slipping = any(memory[part.start] > 0.0 for part in self._slips[:4])
-        rate = driven_rate(measured.rates, self.shares)
-        found = pedal_torques(self.numbers, memory, 0, pedals[0], pedals[1], pedals[2], rate, slipping)
-        gear = min(max(found.gear, -1.0), 1.0)
-        torque, brakes = found.torque, found.brakes
+        throttle, brake, gear = pedals
+        return memory, powertrain_step(self.numbers, self.assistance, memory, throttle, brake, gear, measured)
 
-        # Stability control.
-        acting = 0
-        if self._inertias and self._brakes.esc is not None:
-            extra = stability_torques(
-                self._brakes.esc,
-                speed=measured.speed,
-                steering=measured.steering,
-                yaw_rate=measured.yaw_rate,
-                wheelbase=self._wheelbase,
-            )
-            acting += sum(more > 0.0 for more in extra)
-            brakes = tuple(own + more for own, more in zip(brakes, extra, strict=True))  # type: ignore[assignment]
 
-        # Antilock of each wheel, and traction control of all driven wheels together.
-        travel = 1.0 if measured.speed >= 0.0 else -1.0
-        if self._inertias and self._brakes.abs is not None:
-            held = [self._hold(memory, i, brakes[i], travel, measured, BRAKING) for i in range(4)]
-            acting += sum(now < then for now, then in zip(held, brakes, strict=True))
-            brakes = (held[0], held[1], held[2], held[3])
-        drive = split_drive(gear * torque, self.shares)
-        if self._inertias and self._traction is not None and torque > 0.0:
-            # One motor drives all of them: the wheel that slips most limits the torque of all.
-            part = min(
-                self._hold(memory, i, abs(drive[i]), gear, measured, DRIVING) / abs(drive[i])
-                for i in range(4)
-                if drive[i] != 0.0
-            )
-            acting += part < 1.0
-            torque *= part
-            drive = split_drive(gear * torque, self.shares)
-        speed, motor_torque = self._at_motor(gear, rate, torque, found.opening, memory)
-        power = gear * torque * rate
-        status = [found.throttle, found.brake, found.gear, speed, motor_torque, power, gear * torque, sum(brakes)]
-        return memory, Torques(drive, brakes, [*status, float(acting)])
+def powertrain_step(
+    numbers: PowertrainNumbers,
+    assistance: Assistance,
+    memory: MutableSequence[float],
+    throttle: float,
+    brake: float,
+    gear: float,
+    measured: Measured,
+) -> Torques:
+    """Advance by one step, and return the torques until the next one.
 
-    def _hold(
-        self, memory: list[float], wheel: int, wanted: float, along: float, measured: Measured, direction: float
-    ) -> float:
-        """Return the torque of a wheel with slip control; the memory is changed."""
-        options = self._brakes.abs if direction == BRAKING else self._traction
-        assert options is not None
-        # Braked and driven slip have memories of their own, as a wheel may be in both controls in turn.
-        row = self._slips[wheel + (4 if direction == DRIVING else 0)]
-        # The law knows one direction of travel, so rate and speed are taken along it.
-        rate, speed = along * measured.rates[wheel], along * measured.speeds[wheel]
-        if wanted <= 0.0:  # as the law does; most wheels are not braked most of the time
-            memory[row] = SlipState(0.0, wanted, rate, speed, 1.0)
-            return wanted
-        memory[row], torque = hold_slip(
-            SlipState(*memory[row]),
-            wanted,
-            direction=direction,
-            rate=rate,
-            speed=speed,
-            options=options,
-            radius=self.radii[wheel],
-            inertia=self._inertias[wheel],
-            period=self._period,
+    Args:
+        numbers: the powertrain.
+        assistance: antilock, stability and traction control.
+        memory: memory of :class:`PowertrainLaw`, changed.
+        throttle: pedal position [1].
+        brake: pedal position [1].
+        gear: 1 drive, 0 neutral, -1 reverse.
+        measured: motion of the vehicle.
+    """
+    box = numbers.throttle_size + numbers.brake_size
+    slips = box + _GEAR
+    slipping = False
+    for i in range(4):
+        slipping = slipping or memory[slips + _SLIP * i] > 0.0
+    rate = driven_rate(measured.rates, numbers.shares)
+    found = pedal_torques(numbers, memory, 0, throttle, brake, gear, rate, slipping)
+    along = min(max(found.gear, -1.0), 1.0)
+    torque, brakes, acting = found.torque, found.brakes, 0.0
+
+    # Stability control.
+    if assistance.stability.present:
+        extra = stability_torques(
+            assistance.stability, measured.speed, measured.steering, measured.yaw_rate, assistance.wheelbase
         )
-        return torque
+        brakes = (brakes[0] + extra[0], brakes[1] + extra[1], brakes[2] + extra[2], brakes[3] + extra[3])
+        for i in range(4):
+            acting += 1.0 if extra[i] > 0.0 else 0.0
 
-    def _at_motor(
-        self, gear: float, rate: float, torque: float, opening: float, memory: list[float]
-    ) -> tuple[float, float]:
-        """Return speed [rad/s] and torque [N m] of motor or engine, for the log."""
-        if not self.numbers.has_engine:
-            motor = self.numbers.motor
-            # Losses act against the flow of power: a regenerating motor gets less than the wheels give.
-            losses = motor.efficiency if torque < 0.0 else 1.0 / motor.efficiency
-            return rate * motor.gear, gear * torque * losses / motor.gear
-        engine = self.numbers.engine
-        if gear == 0.0:
-            return engine.idle, 0.0
-        number = -1.0 if gear < 0.0 else memory[self._gear][0]
-        point = engine_point(engine, number, gear * rate)
-        behind = gear * rate * gear_ratio(engine, number)
-        waiting = engine.idle + opening * (engine.stall_speed - engine.idle)
-        dragging = behind > engine.idle
-        return max(behind, waiting), opening * point.full - (1.0 - opening) * engine.drag_torque * dragging
+    # Antilock of each wheel, and traction control of all driven wheels together.
+    travel = 1.0 if measured.speed >= 0.0 else -1.0
+    if assistance.antilock.present:
+        held = (
+            _hold(numbers, assistance, memory, slips, 0, brakes[0], travel, measured, BRAKING),
+            _hold(numbers, assistance, memory, slips, 1, brakes[1], travel, measured, BRAKING),
+            _hold(numbers, assistance, memory, slips, 2, brakes[2], travel, measured, BRAKING),
+            _hold(numbers, assistance, memory, slips, 3, brakes[3], travel, measured, BRAKING),
+        )
+        for i in range(4):
+            acting += 1.0 if held[i] < brakes[i] else 0.0
+        brakes = held
+    drive = split_drive(along * torque, numbers.shares)
+    if assistance.traction.present and torque > 0.0:
+        # One motor drives all of them: the wheel that slips most limits the torque of all.
+        part, driven = 1.0, slips + 4 * _SLIP
+        for i in range(4):
+            if drive[i] != 0.0:
+                wanted = abs(drive[i])
+                held_torque = _hold(numbers, assistance, memory, driven, i, wanted, along, measured, DRIVING)
+                part = min(part, held_torque / wanted)
+        acting += 1.0 if part < 1.0 else 0.0
+        torque *= part
+        drive = split_drive(along * torque, numbers.shares)
+    speed, motor_torque = _at_motor(numbers, along, rate, torque, found.opening, memory[box])
+    status = (
+        found.throttle,
+        found.brake,
+        found.gear,
+        speed,
+        motor_torque,
+        along * torque * rate,
+        along * torque,
+        brakes[0] + brakes[1] + brakes[2] + brakes[3],
+        acting,
+    )
+    return Torques(drive, brakes, status)
+
+
+def _hold(
+    numbers: PowertrainNumbers,
+    assistance: Assistance,
+    memory: MutableSequence[float],
+    first: int,
+    wheel: int,
+    wanted: float,
+    along: float,
+    measured: Measured,
+    direction: float,
+) -> float:
+    """Return the torque of a wheel with slip control; its memory, in the section from `first`, is changed."""
+    # The law knows one direction of travel, so rate and speed are taken along it.
+    rate, speed = along * measured.rates[wheel], along * measured.speeds[wheel]
+    at = first + _SLIP * wheel
+    state, torque = hold_slip(
+        SlipState(memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4]),
+        wanted,
+        direction,
+        rate,
+        speed,
+        assistance.antilock if direction == BRAKING else assistance.traction,
+        assistance.radii[wheel],
+        assistance.inertias[wheel],
+        numbers.period,
+    )
+    memory[at], memory[at + 1], memory[at + 2] = state.active, state.torque, state.rate
+    memory[at + 3], memory[at + 4] = state.speed, state.started
+    return torque
+
+
+def _at_motor(
+    numbers: PowertrainNumbers, gear: float, rate: float, torque: float, opening: float, engaged: float
+) -> tuple[float, float]:
+    """Return speed [rad/s] and torque [N m] of motor or engine, for the log; `engaged` is the forward gear."""
+    if not numbers.has_engine:
+        motor = numbers.motor
+        # Losses act against the flow of power: a regenerating motor gets less than the wheels give.
+        losses = motor.efficiency if torque < 0.0 else 1.0 / motor.efficiency
+        return rate * motor.gear, gear * torque * losses / motor.gear
+    engine = numbers.engine
+    if gear == 0.0:
+        return engine.idle, 0.0
+    number = -1.0 if gear < 0.0 else engaged
+    point = engine_point(engine, number, gear * rate)
+    behind = gear * rate * gear_ratio(engine, number)
+    waiting = engine.idle + opening * (engine.stall_speed - engine.idle)
+    dragging = 1.0 if behind > engine.idle else 0.0
+    return max(behind, waiting), opening * point.full - (1.0 - opening) * engine.drag_torque * dragging
 
 
 POWERTRAIN_PARTS = (
     *TABLE_PARTS, *MOTOR_PARTS, *ENGINE_PARTS, *BRAKE_PARTS, actuator_step, follow, throttle_limits, pedal_torques,
 )  # fmt: skip
 """Functions that can be compiled."""
+
+STEP_PARTS = (*POWERTRAIN_PARTS, powertrain_step, _hold, _at_motor, hold_slip, stability_torques, reference_yaw_rate)
+"""Functions that are compiled for :func:`powertrain_step`."""

@@ -1,16 +1,26 @@
 """Powertrain and brakes of one vehicle as a system between pedals and tyres."""
 
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from math import cos, sin
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiscreteValues, State
 
+from mirdrake.core.compiled import as_arrays, compiled, entry_point
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
-from mirdrake.plant.powertrain.law import Measured, PowertrainLaw
+from mirdrake.plant.powertrain.brakes import Four
+from mirdrake.plant.powertrain.law import (
+    STEP_PARTS,
+    Assistance,
+    Measured,
+    PowertrainLaw,
+    PowertrainNumbers,
+    powertrain_step,
+)
 from mirdrake.vehicles import WHEELS
 
 if TYPE_CHECKING:
@@ -59,28 +69,34 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         plant: the finalised plant.
         part: the vehicle in it.
         rate: update rate [Hz].
+        machine_code: whether the step is compiled.
 
     Raises:
         ConfigError: a delay of the actuators is not a multiple of the period.
     """
 
-    def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RATE) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RATE, machine_code: bool = False
+    ) -> None:
         super().__init__()
         geometry = part.vehicle.geometry
         self.law = make_law(plant, part, rate=rate)
         positions = plant.num_positions()
-        self._spins = [positions + joint.velocity_start() for joint in part.wheels]
+        spins = [positions + joint.velocity_start() for joint in part.wheels]
         # Speeds of the wheel centres are needed for traction control and ABS; they follow from the motion of the body.
-        self._angles = [joint.position_start() for joint in part.steering]
-        self._quaternion = part.base.floating_positions_start()
-        self._velocity = positions + part.base.floating_velocities_start_in_v()
         # Wheel centres in B, x and y; suspension and scrub radius hardly change them.
-        self._places = (
-            (geometry.wheelbase, 0.5 * geometry.front_track),
-            (geometry.wheelbase, -0.5 * geometry.front_track),
-            (0.0, 0.5 * geometry.rear_track),
-            (0.0, -0.5 * geometry.rear_track),
+        self._places = StatePlaces(
+            (spins[0], spins[1], spins[2], spins[3]),
+            (part.steering[0].position_start(), part.steering[1].position_start()),
+            part.base.floating_positions_start(),
+            positions + part.base.floating_velocities_start_in_v(),
+            geometry.wheelbase,
+            0.5 * geometry.front_track,
+            0.5 * geometry.rear_track,
         )
+        numbers = as_arrays(self.law.numbers) if machine_code else self.law.numbers
+        self._constants = (self._places, numbers, self.law.assistance)
+        self._compiled = entry_point(compiled(update, parts=UPDATE_PARTS)) if machine_code else None
         self.pedals = declare_vector_input(self, "pedals", PEDALS)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         rear = part.vehicle.spec.steering.rear is not None
@@ -96,29 +112,104 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
         """Start in the gear for the present speed, with the pedals released."""
-        state.set_value(self._memory, self.law.rest(self._measure(context).speed))
+        measured = measure(self._places, self.plant_state.Eval(context), self._rear_angles(context))
+        state.set_value(self._memory, self.law.rest(float(measured.speed)))
 
     def _update(self, context: Context, state: State) -> None:
-        memory = context.get_discrete_state(self._memory).value().tolist()
-        memory, torques = self.law.step(memory, self.pedals.Eval(context).tolist(), self._measure(context))
+        x, rear, pedals = self.plant_state.Eval(context), self._rear_angles(context), self.pedals.Eval(context)
+        # The new state begins as a copy of the present one.
         values = state.get_mutable_discrete_state()
-        values.set_value(self._torque, [*torques.drive, *torques.brake])
-        values.set_value(self._status, torques.status)
-        values.set_value(self._memory, memory)
+        memory, torque, status = (
+            values.get_mutable_value(index) for index in (self._memory, self._torque, self._status)
+        )
+        if self._compiled is not None:
+            self._compiled((*self._constants, x, rear, pedals, memory, torque, status))
+            return
+        # Lists are faster in Python.
+        after, torques, shown = memory.tolist(), torque.tolist(), status.tolist()
+        update(*self._constants, x.tolist(), rear.tolist(), pedals.tolist(), after, torques, shown)
+        memory[:], torque[:], status[:] = after, torques, shown
 
-    def _measure(self, context: Context) -> Measured:
-        x = self.plant_state.Eval(context).tolist()
-        rates = [x[index] for index in self._spins]
-        left, right = (x[index] for index in self._angles)
-        rear = self._rear.Eval(context)[:2].tolist() if self._rear is not None else [0.0, 0.0]
-        ahead, aside, yaw_rate = planar_velocity(x[self._quaternion :][:4], x[self._velocity :][:6])
-        speeds = []
-        for (along, across), angle in zip(self._places, (left, right, *rear), strict=True):
-            # Velocity of the wheel centre (rigid body), along the wheel plane turned by the steering angle.
-            speeds.append((ahead - yaw_rate * across) * cos(angle) + (aside + yaw_rate * along) * sin(angle))
-        # The angle that turns the vehicle is that between the two axles.
-        steering = 0.5 * (left + right) - 0.5 * sum(rear)
-        return Measured(tuple(rates), tuple(speeds), ahead, yaw_rate, steering)  # type: ignore[arg-type]
+    def _rear_angles(self, context: Context) -> Any:
+        return np.zeros(4) if self._rear is None else self._rear.Eval(context)
+
+
+class StatePlaces(NamedTuple):
+    """Indices of a vehicle's motion in the state of the plant, and places of its wheels.
+
+    Attributes:
+        spins: spin rates of the wheels.
+        angles: angles of the steering joints, left and right.
+        quaternion: orientation of the vehicle frame B.
+        velocity: angular, then linear velocity of B.
+        wheelbase: [m]
+        front: half of the front track [m].
+        rear: half of the rear track [m].
+    """
+
+    spins: tuple[int, int, int, int]
+    angles: tuple[int, int]
+    quaternion: int
+    velocity: int
+    wheelbase: float
+    front: float
+    rear: float
+
+
+def update(
+    places: StatePlaces,
+    numbers: PowertrainNumbers,
+    assistance: Assistance,
+    x: Sequence[float],
+    rear: Sequence[float],
+    pedals: Sequence[float],
+    memory: MutableSequence[float],
+    torque: MutableSequence[float],
+    status: MutableSequence[float],
+) -> None:
+    """Advance the powertrain by one step.
+
+    Args:
+        places: where the motion is in `x`.
+        numbers: the powertrain.
+        assistance: antilock, stability and traction control.
+        x: state of the plant.
+        rear: angles of the rear wheels [rad], then their rates.
+        pedals: throttle, brake and gear.
+        memory: memory of the law, changed.
+        torque: :data:`WHEEL_TORQUE`, overwritten.
+        status: :data:`STATUS`, overwritten.
+    """
+    measured = measure(places, x, rear)
+    torques = powertrain_step(numbers, assistance, memory, pedals[0], pedals[1], pedals[2], measured)
+    for i in range(4):
+        torque[i], torque[4 + i] = torques.drive[i], torques.brake[i]
+    for i in range(len(status)):
+        status[i] = torques.status[i]
+
+
+def measure(places: StatePlaces, x: Sequence[float], rear: Sequence[float]) -> Measured:
+    """Return the measured motion of a vehicle; arguments as of :func:`update`."""
+    q, v = places.quaternion, places.velocity
+    ahead, aside, yaw_rate = planar_velocity(
+        (x[q], x[q + 1], x[q + 2], x[q + 3]),
+        (x[v], x[v + 1], x[v + 2], x[v + 3], x[v + 4], x[v + 5]),
+    )
+    left, right = x[places.angles[0]], x[places.angles[1]]
+    rates = (x[places.spins[0]], x[places.spins[1]], x[places.spins[2]], x[places.spins[3]])
+    speeds: Four = (
+        _along_wheel(places.wheelbase, places.front, left, ahead, aside, yaw_rate),
+        _along_wheel(places.wheelbase, -places.front, right, ahead, aside, yaw_rate),
+        _along_wheel(0.0, places.rear, rear[0], ahead, aside, yaw_rate),
+        _along_wheel(0.0, -places.rear, rear[1], ahead, aside, yaw_rate),
+    )
+    # The angle that turns the vehicle is that between the two axles.
+    return Measured(rates, speeds, ahead, yaw_rate, 0.5 * (left + right) - 0.5 * (rear[0] + rear[1]))
+
+
+def _along_wheel(along: float, across: float, angle: float, ahead: float, aside: float, yaw_rate: float) -> float:
+    """Return the velocity of a wheel centre of the rigid body along the wheel plane, turned by the steering angle."""
+    return (ahead - yaw_rate * across) * cos(angle) + (aside + yaw_rate * along) * sin(angle)
 
 
 def make_law(plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RATE) -> PowertrainLaw:
@@ -149,6 +240,10 @@ def planar_velocity(quaternion: Sequence[float], velocity: Sequence[float]) -> t
     aside = vy * (1.0 - (i * i + k * k) * scale) + scale * (vx * (i * j - w * k) + vz * (j * k + w * i))
     yaw_rate = wz * (1.0 - (i * i + j * j) * scale) + scale * (wx * (i * k + w * j) + wy * (j * k - w * i))
     return ahead, aside, yaw_rate
+
+
+UPDATE_PARTS = (*STEP_PARTS, measure, planar_velocity, _along_wheel, powertrain_step)
+"""Functions that are compiled for :func:`update`."""
 
 
 def wheel_inertias(plant: MultibodyPlant, part: "VehicleInPlant") -> list[float]:
