@@ -61,23 +61,43 @@ def call_command(
 
 
 @pytest.mark.parametrize(
-    ("words", "usage", "message"),
+    ("verb", "words", "message"),
     [
-        (["run", "drive.yaml", "--duratoin", "3"], "usage: mirdrake run ", "did you mean '--duration'?"),
+        ("run", "drive.yaml --duratoin 3", "unknown arguments: --duratoin 3; did you mean '--duration'?"),
         (
-            ["run", "drive.yaml", "--trust"],
-            "usage: mirdrake run ",
-            "--trust; it is an option of mirdrake check, mirdrake draw, mirdrake ports only",
+            "run",
+            "drive.yaml --trust",
+            "unknown arguments: --trust; it is an option of mirdrake check, mirdrake draw, mirdrake ports only;",
         ),
-        (["world", "test", "parking_lot", "--workers", "2"], "usage: mirdrake world test ", "arguments: --workers 2"),
-        (["tune", "bolt_speed", "--foo"], "usage: mirdrake tune run ", "arguments: --foo"),
+        (
+            "world test",
+            "parking_lot --workers 2",
+            "unknown arguments: --workers 2; it is an option of mirdrake study, mirdrake tune run only;",
+        ),
+        ("tune run", "bolt_speed --foo", "unknown arguments: --foo;"),
+        ("run", "x --duration long", "--duration: 'long' is not a number in s, or with a unit such as 1 min;"),
+        ("export", "runs/x --to cvs", "--to: unknown 'cvs'; did you mean 'csv'? (allowed: csv, mcap, video);"),
+        (
+            "manoeuvre",
+            "braking bolt --model ful",
+            "--model: unknown 'ful'; did you mean 'full'? (allowed: full, single_track);",
+        ),
+        ("study", "x --workers many", "--workers: 'many' is not allowed; expected a whole number from 0 to 100000;"),
+        ("replay", "runs/x --port http", "--port: 'http' is not allowed; expected a whole number from 0 to 65535;"),
+        ("world search", "yard --seed", "--seed: expected one argument;"),
+        ("completion", "fish", "shell: unknown 'fish'; allowed: bash, zsh;"),
+        ("run", "", "the following arguments are required: diagram;"),
     ],
 )
-def test_an_unknown_option_prints_the_usage_of_its_verb(call_command, words, usage, message):
-    code, _, err = call_command(*words)
-    assert code == 2
-    assert err.startswith(usage)
-    assert message in err
+def test_a_wrong_option_is_reported_in_one_line(call_command, verb, words, message):
+    expected = f"error: {message} see mirdrake {verb} --help\n"
+    assert call_command(*f"{verb} {words}".split()) == (2, "", expected)
+
+
+def test_an_unknown_command_is_reported_in_one_line(tmp_path: Path) -> None:
+    _, err = mirdrake("manouvre", "braking", "bolt", folder=tmp_path, code=2)
+    assert err.startswith("error: COMMAND: unknown 'manouvre'; did you mean 'manoeuvre'? (allowed: check,")
+    assert len(err.splitlines()) == 1
 
 
 # --- run -------------------------------------------------------------------------------------------------------------

@@ -29,8 +29,8 @@ MENU = {
         "identification", "estimation", "batch", "learning",
     ),
     "Reference": (
-        "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "ground", "manoeuvres", "tuning_reference",
-        "identification_reference", "glossary", "api", "modules", "shipped_vehicles",
+        "commands", "kinds", "runs", "sensors", "tyres", "suspension", "powertrain", "ground", "manoeuvres",
+        "tuning_reference", "identification_reference", "glossary", "api", "modules", "shipped_vehicles",
     ),
     "Explanation": (
         "physics", "tuning_method", "identification_method", "validation", "benchmarks", "security",

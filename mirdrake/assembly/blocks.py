@@ -32,7 +32,7 @@ from mirdrake.networks import NetworkBlock
 
 
 class ConstantBlock(Schema):
-    """A constant vector. Output y."""
+    """A constant vector; the output is called y."""
 
     value: list[float] = Field([0.0], min_length=1, description="the elements [-]")
 
@@ -44,9 +44,9 @@ class ConstantBlock(Schema):
 class SineBlock(Schema):
     """amplitude · sin(2π frequency t + phase). Outputs y0, and its two derivatives y1, y2."""
 
-    amplitude: float = Field(1.0, description="[-]")
-    frequency: float = Field(gt=0.0, description="[Hz]")
-    phase: float = Field(0.0, description="[rad]")
+    amplitude: float = Field(1.0, description="amplitude [-]")
+    frequency: float = Field(gt=0.0, description="frequency [Hz]")
+    phase: float = Field(0.0, description="phase at the start [rad]")
 
     def make(self) -> System:
         """Return the system."""
@@ -57,8 +57,8 @@ class SineBlock(Schema):
 class GainBlock(Schema):
     """y = gain · u."""
 
-    gain: float = Field(description="[-]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    gain: float = Field(description="factor of each element [-]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -68,8 +68,8 @@ class GainBlock(Schema):
 class AdderBlock(Schema):
     """sum = u0 + u1 + …; the output is called sum."""
 
-    inputs: int = Field(2, ge=2, description="input ports [-]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    inputs: int = Field(2, ge=2, description="number of input ports [-]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -79,9 +79,9 @@ class AdderBlock(Schema):
 class SaturationBlock(Schema):
     """y = u within limits."""
 
-    minimum: float = Field(description="[-]")
-    maximum: float = Field(description="[-]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    minimum: float = Field(description="lower limit of each element [-]")
+    maximum: float = Field(description="upper limit of each element [-]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -91,10 +91,10 @@ class SaturationBlock(Schema):
 
 
 class LowPassBlock(Schema):
-    """First-order low-pass, time constant in seconds; continuous, so it costs an integrator."""
+    """First-order low-pass y = u / (1 + time_constant s), with a continuous state."""
 
-    time_constant: Duration = Field(gt=0.0, description="[s]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    time_constant: Duration = Field(gt=0.0, description="time constant [s]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -102,11 +102,11 @@ class LowPassBlock(Schema):
 
 
 class DelayBlock(Schema):
-    """The input, `delay` seconds late, sampled every `period`."""
+    """The input, sampled every `period` and delayed by `delay`."""
 
-    delay: Duration = Field(gt=0.0, description="[s]")
-    period: Period = Field(0.02, gt=0.0, description="[s]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    delay: Duration = Field(gt=0.0, description="delay, a multiple of the period [s]")
+    period: Period = Field(0.02, gt=0.0, description="sample time [s]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -120,8 +120,8 @@ class DelayBlock(Schema):
 class HoldBlock(Schema):
     """The input, sampled every `period` and held."""
 
-    period: Period = Field(gt=0.0, description="[s]")
-    size: int = Field(1, ge=1, description="elements [-]")
+    period: Period = Field(gt=0.0, description="sample time [s]")
+    size: int = Field(1, ge=1, description="number of elements of a port [-]")
 
     def make(self) -> System:
         """Return the system."""
@@ -129,16 +129,18 @@ class HoldBlock(Schema):
 
 
 class PidBlock(Schema):
-    """A discrete PID controller; ports as in :class:`mirdrake.DiscretePid`."""
+    """A discrete PID controller with the ports of :class:`mirdrake.DiscretePid`."""
 
-    kp: float = Field(description="[-]")
-    ki: float = Field(0.0, description="[-]")
-    kd: float = Field(0.0, description="[-]")
-    filter_time: Duration = Field(0.0, ge=0.0, description="[s]")
-    period: Period = Field(0.02, gt=0.0, description="[s]")
-    minimum: float | None = Field(None, description="[-]")
-    maximum: float | None = Field(None, description="[-]")
-    rate: float | None = Field(None, gt=0.0, description="largest change per second [-]")
+    kp: float = Field(description="proportional gain; u, y: units of output and measurement [u/y]")
+    ki: float = Field(0.0, description="integral gain [u/(y s)]")
+    kd: float = Field(0.0, description="derivative gain [u s/y]")
+    filter_time: Duration = Field(
+        0.0, ge=0.0, description="time constant of the low-pass of the derivative; 0: none [s]"
+    )
+    period: Period = Field(0.02, gt=0.0, description="sample time [s]")
+    minimum: float | None = Field(None, description="lower limit of the output [-]")
+    maximum: float | None = Field(None, description="upper limit of the output [-]")
+    rate: float | None = Field(None, gt=0.0, description="largest change of the output per second [-]")
 
     def make(self) -> System:
         """Return the system."""

@@ -4,7 +4,7 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from mirdrake.cli.common import print_changes
+from mirdrake.cli.common import print_changes, whole_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path
 
@@ -22,7 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("run", metavar="RUN", help="a run folder")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write an HTML page that opens offline, and stop")
-    parser.add_argument("--port", type=int, default=0, help="port on localhost (default: any free port)")
+    parser.add_argument(
+        "--port", type=whole_number(0, 65_535), default=0, help="port on localhost (default: any free port)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

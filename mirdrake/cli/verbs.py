@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any
+from typing import Any, NoReturn
 
-from mirdrake.core.errors import closest
+from mirdrake.core.errors import closest, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,20 @@ class VerbParser(argparse.ArgumentParser):
         if verb is not None and verb.default and args and args[0] not in {*verb.verbs, "-h", "--help"}:
             args = [verb.default, *args]
         namespace, unknown = super().parse_known_args(args, namespace)
-        # Here, so that the usage of this verb is printed and not that of the whole program.
+        # Here, so that the help of this verb is named and not that of the whole program.
         if unknown and verb is not None and not verb.verbs:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0].partition('=')[0])}")
+            self.error(f"unknown arguments: {' '.join(unknown)}{self._hint(unknown[0].partition('=')[0])}")
         return namespace, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong in one line, without the usage, and exit with code 2."""
+        text = message.removeprefix("argument ")
+        self.exit(2, f"error: {text}{' ' if text.endswith('?') else '; '}see {self.prog} --help\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise an error with the most similar of the allowed values."""
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"unknown '{value}'; {did_you_mean(value, action.choices)}")
 
     def _hint(self, option: str) -> str:
         """Return what an unknown option may be: a misspelt one of this verb, or one of other verbs."""

@@ -2,6 +2,8 @@
 
 import argparse
 
+from mirdrake.cli.common import whole_number
+
 MORE = """\
 Prints an address and waits. Drag props and groups from the palette, move and turn them on the map, or type their
 values; overlaps are red while you drag. Each gesture changes as little of the file as possible: comments and layout
@@ -16,7 +18,12 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("file", metavar="FILE", help="path of a world file, new or existing, or name of a world")
-    parser.add_argument("--port", type=int, metavar="N", help="port of localhost (default: the first free from 8785)")
+    parser.add_argument(
+        "--port",
+        type=whole_number(0, 65_535),
+        metavar="N",
+        help="port of localhost (default: the first free from 8785)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -30,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="name or path of a world file")
     parser.add_argument("--case", action="append", default=[], metavar="TEST", help="search only this test")
     parser.add_argument("--budget", type=whole_number(1), metavar="N", help="number of runs, instead of the file's")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the values tried (%(default)s)")
+    parser.add_argument(
+        "--seed", type=whole_number(0, 2**32 - 1), default=0, help="seed of the values tried (%(default)s)"
+    )
     add_test_options(parser)
 
 

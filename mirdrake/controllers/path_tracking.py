@@ -54,7 +54,7 @@ class PathGains:
 
     Attributes:
         speed: set-point [m/s].
-        convergence_distance: smallest distance d over which an offset is taken back [m].
+        convergence_distance: smallest distance d over which an offset decays [m].
         convergence_time: the same as a time: d is at least speed times this [s].
         damping: damping ratio zeta of the return to the line [1].
         preview_time: delay until the steering acts, of sampling and actuators together [s]; the law works on the pose
@@ -336,17 +336,17 @@ class PathTrackingSpec(Driver):
 
     kind: Literal["path_tracking"] = Field(description="follow a track [-]")
     track: str = Field("main", description="name of a track of the world [-]")
-    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    speed: Speed = Field(
+        5.0, gt=0.0, le=100.0, description="set-point of the speed [m/s]; corners may be driven slower"
+    )
     lateral_acceleration: Acceleration = Field(5.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
     acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
     deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
     tolerance: Length = Field(
         0.1, gt=0.0, description="largest planned offset from the centre line [m]; the car slows down where it needs to"
     )
-    convergence_distance: Length = Field(
-        1.5, gt=0.0, description="least distance over which an offset is taken back [m]"
-    )
-    convergence_time: Duration = Field(0.6, ge=0.0, description="least time over which an offset is taken back [s]")
+    convergence_distance: Length = Field(1.5, gt=0.0, description="least distance over which an offset decays [m]")
+    convergence_time: Duration = Field(0.6, ge=0.0, description="least time over which an offset decays [s]")
     damping: float = Field(1.0, gt=0.0, description="damping ratio of the return to the line [1]")
     preview_time: Duration = Field(0.06, ge=0.0, le=1.0, description="delay until the steering acts [s]")
     understeer_gradient: float = Field(

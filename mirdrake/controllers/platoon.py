@@ -130,7 +130,7 @@ class AccSpec(PathTrackingSpec):
     kind: Literal["acc"] = Field(description="adaptive cruise control [-]")  # type: ignore[assignment]
     kp: float = Field(default=0.2, gt=0.0, le=10.0, description="gain of the spacing error [1/s^2]")
     kd: float = Field(default=0.7, ge=0.0, le=10.0, description="gain of the speed difference [1/s]")
-    time_gap: Duration = Field(default=1.2, gt=0.0, le=10.0, description="time gap [s]")
+    time_gap: Duration = Field(default=1.2, gt=0.0, le=10.0, description="time gap to the vehicle ahead [s]")
     standstill: Length = Field(default=2.0, ge=0.0, le=50.0, description="gap at standstill [m]")
     range: Length = Field(default=150.0, gt=0.0, le=1000.0, description="largest distance to the vehicle ahead [m]")
     braking_limit: Acceleration = Field(default=6.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
@@ -141,13 +141,13 @@ class AccSpec(PathTrackingSpec):
 
 
 class CaccSpec(AccSpec):
-    """The same with messages from the vehicle ahead: cooperative adaptive cruise control."""
+    """Follow the vehicle ahead with its messages: cooperative adaptive cruise control."""
 
     kind: Literal["cacc"] = Field(description="cooperative adaptive cruise control [-]")  # type: ignore[assignment]
-    time_gap: Duration = Field(default=0.9, gt=0.0, le=10.0, description="time gap [s]")
+    time_gap: Duration = Field(default=0.9, gt=0.0, le=10.0, description="time gap to the vehicle ahead [s]")
     delay: Duration = Field(default=0.1, ge=0.0, le=2.0, description="delay of messages [s]; a multiple of the period")
     loss: float = Field(default=0.0, ge=0.0, lt=1.0, description="probability that a message is lost [-]")
-    seed: int = Field(default=0, ge=0, description="of the lost messages [-]")
+    seed: int = Field(default=0, ge=0, description="seed of the lost messages [-]")
 
     def make_system(
         self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None

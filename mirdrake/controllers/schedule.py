@@ -147,23 +147,25 @@ class ScheduleRow(Schema):
 
 
 class ScheduleSpec(Driver):
-    """Commands over time: rows, or a file of recorded commands (:mod:`mirdrake.controllers.command_log`)."""
+    """Commands over time: rows, or a file of recorded commands."""
 
     kind: Literal["schedule"] = Field(description="commands over time [-]")
     interpolation: Interpolation | None = Field(
         None,
-        description="straight lines between the rows, or each row until the next; left out: lines, but in a table of "
-        "recorded commands hold [-]",
+        description="linear between the rows, or hold each row until the next; default: linear, but hold for a table "
+        "of recorded commands [-]",
     )
     rows: list[ScheduleRow] | None = Field(
-        None, min_length=1, description="commands, times rising [s, m/s, rad]; or give a file"
+        None, min_length=1, description="commands with rising times [s, m/s, rad]; either rows or a file"
     )
     file: str | None = Field(
         None, min_length=1, description="recorded commands: a table (.csv), a driving_log.txt or a run folder [-]"
     )
-    vehicle: str | None = Field(None, description="whose commands of the file; left out: the only one's [-]")
+    vehicle: str | None = Field(
+        None, description="vehicle whose commands are read; default: the only one in the file [-]"
+    )
     period: Period | None = Field(
-        None, gt=0.0, le=0.2, description="time between messages [s]; left out: 0.02, with a file 0.001"
+        None, gt=0.0, le=0.2, description="time between messages [s]; default: 0.02, with a file 0.001"
     )
 
     @model_validator(mode="after")

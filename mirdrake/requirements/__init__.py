@@ -4,7 +4,7 @@
 
     requirement = ["after" T] (always E | never E | eventually E ["within" T] | E until E | at end E)
     E           = E or E | E and E | not E | (E) | ["abs"] SIGNAL < VALUE | EVENT
-    SIGNAL      = one of the list below, or any column of the run, with the dot in its name
+    SIGNAL      = one of SIGNALS, or any column of the run, with the dot in its name
     EVENT       = collision, stopped, on road, rollover, at goal, at NAME
 
     always clearance > 0.5 m
@@ -23,34 +23,7 @@ Over the samples that count it is the least of them for ``always``, the least of
 greatest for ``eventually``, that of the last sample for ``at end``. A signal that counts (:data:`COUNTS`) is half a
 count away from changing when it has its last good value.
 
-Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.requirements.observation.RECORDED`)::
-
-    speed               m/s     of the rear axle's centre over the ground
-    accel               m/s^2   forward, without gravity
-    lateral_accel       m/s^2   to the left, without gravity
-    yaw_rate            rad/s   positive to the left
-    slip                        largest of all wheels: (rim speed - ground speed) / ground speed
-    clearance           m       to the nearest prop, vehicle or actor (collision shapes); negative: depth of overlap
-    gap to NAME         m       clearance to one vehicle or actor
-    time_to_collision   s       with vehicles, actors and props, if all keep their velocities; inf: never
-    signals.NAME                state of a traffic light: 0 red, 1 amber, 2 green
-    actors.NAME.speed   m/s     and other signals of an actor: x, y, yaw, acceleration, yaw_rate, gap
-    laps                        along the track since the start
-    lap_time            s       since the current lap began
-    time                s       since the start
-    x, y, z             m       rear axle's centre in the world
-    roll, pitch, yaw    rad
-    vx, vy, vz          m/s     forward, to the left, up, in the vehicle's frame
-    wx, wy, wz          rad/s   in the vehicle's frame
-    progress            m       along the track
-    lateral_error       m       to the left of the track
-    heading_error       rad     to the left of the track's heading
-    curvature           1/m     of the track, positive to the left
-    lap                         laps done
-    wheels_on_road              0 .. 4
-    other_contacts              contacts that are not a tyre on the ground
-    speed_command, speed_setpoint, speed_trim       m/s
-    steering_command, steering_setpoint             rad
+Signals are those of :data:`~mirdrake.requirements.observation.SIGNALS`; docs/kinds.md lists them.
 
 Events: ``collision`` (margin: the clearance, taken negative, m), ``stopped`` (slower than 0.05 m/s; m/s), ``on road``
 (from the outermost wheel to the edge, m), ``rollover`` (tilt beyond 45 deg, rad), ``at goal`` and ``at NAME`` (m inside

@@ -1,8 +1,8 @@
 """Signals and events of one vehicle in one run, with margins, for requirements.
 
 :func:`observe` works it all out from a run's samples. Signals are those of the run, without the vehicle's name in
-front, and :data:`DERIVED` ones. An event has, for every sample, a truth and a margin: how far it is from changing,
-positive where the event holds.
+front, and further ones of :data:`SIGNALS`. An event has, for every sample, a truth and a margin: how far it is from
+changing, positive where the event holds.
 """
 
 import math
@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import RunError
-from mirdrake.core.vectors import STATE, WHEELS
+from mirdrake.core.vectors import WHEELS
 from mirdrake.requirements.surroundings import (
     GAP,
     TIME_TO_COLLISION,
@@ -53,34 +53,58 @@ AT_RED = "at red"
 _FAR = 50.0  # [m] distance from a stop line at which it has no meaning
 _SLOWEST = 1.0  # [m/s] smallest denominator of the slip, which is undefined (0/0) at standstill
 
-DERIVED = {
-    "speed": ("m/s", "of the rear axle's centre over the ground"),
-    "accel": ("m/s^2", "forward, without gravity"),
-    "lateral_accel": ("m/s^2", "to the left, without gravity"),
-    "yaw_rate": ("rad/s", "positive to the left"),
+SIGNALS: dict[str, tuple[str, str]] = {
+    "speed": ("m/s", "speed of the rear axle's centre over the ground"),
+    "accel": ("m/s^2", "forward acceleration, without gravity"),
+    "lateral_accel": ("m/s^2", "acceleration to the left, without gravity"),
+    "yaw_rate": ("rad/s", "yaw rate, positive to the left"),
     "slip": ("", "largest of all wheels: (rim speed - ground speed) / ground speed"),
     "clearance": (
         "m",
         "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, vehicle or "
-        "actor; "
-        "only shapes at the same height count; negative: depth of overlap",
+        "actor; only shapes at the same height count; negative: depth of overlap",
     ),
     "time_to_collision": (
         "s",
-        "until it touches a vehicle, actor or prop if all keep their velocities and do not turn; inf: never",
+        "time until it touches a vehicle, actor or prop if all keep their velocities and do not turn; inf: never",
     ),
-    "laps": ("", "along the track since the start"),
-    "lap_time": ("s", "since the current lap began"),
-    "time": ("s", "since the start"),
+    "laps": ("", "distance along the track since the start, in laps"),
+    "lap_time": ("s", "time since the current lap began"),
+    "time": ("s", "time since the start"),
+    "x": ("m", "position of the rear axle's centre in the world"),
+    "y": ("m", "position of the rear axle's centre in the world"),
+    "z": ("m", "height of the rear axle's centre in the world"),
+    "roll": ("rad", "roll angle, right side down"),
+    "pitch": ("rad", "pitch angle, nose down"),
+    "yaw": ("rad", "heading, from x towards y"),
+    "vx": ("m/s", "velocity forward, in the vehicle's frame"),
+    "vy": ("m/s", "velocity to the left, in the vehicle's frame"),
+    "vz": ("m/s", "velocity upwards, in the vehicle's frame"),
+    "wx": ("rad/s", "roll rate, in the vehicle's frame"),
+    "wy": ("rad/s", "pitch rate, in the vehicle's frame"),
+    "wz": ("rad/s", "yaw rate, in the vehicle's frame"),
+    "wheels_on_road": ("", "number of wheels on the road, 0 to 4"),
+    "progress": ("m", "distance along the track"),
+    "lateral_error": ("m", "distance to the left of the track"),
+    "heading_error": ("rad", "heading relative to that of the track, positive to the left"),
+    "curvature": ("1/m", "curvature of the track, positive to the left"),
+    "lap": ("", "number of completed laps"),
+    "speed_command": ("m/s", "speed set-point of the driver"),
+    "steering_command": ("rad", "steering set-point of the driver"),
+    "speed_setpoint": ("m/s", "speed that the control unit follows"),
+    "steering_setpoint": ("rad", "steering angle that the control unit follows"),
+    "speed_trim": ("m/s", "correction of the speed set-point by the speed controller"),
+    "other_contacts": ("", "number of contacts that are not a tyre on the ground"),
 }
-"""Signals made here: unit and meaning. The collision shapes are those of the vehicle at rest, not tilted."""
+"""Unit and meaning of each signal; others have a dot in their name. The collision shapes are those of the vehicle at
+rest, not tilted."""
 
-RECORDED = {signal.name: signal.unit for signal in STATE} | {
-    "wheels_on_road": "", "progress": "m", "lateral_error": "m", "heading_error": "rad", "curvature": "1/m", "lap": "",
-    "speed_command": "m/s", "steering_command": "rad", "speed_setpoint": "m/s", "steering_setpoint": "rad",
-    "speed_trim": "m/s", "other_contacts": "",
-}  # fmt: skip
-"""Signals of every run, with their units; others have a dot in their name."""
+SIGNALS_BY_NAME: dict[str, tuple[str, str]] = {
+    "gap to NAME": ("m", "clearance to one vehicle or actor"),
+    "signals.NAME": ("", "state of a traffic light: 0 red, 1 amber, 2 green"),
+    "actors.NAME.SIGNAL": ("", "a signal of an actor: x, y, yaw, speed, acceleration, yaw_rate or gap"),
+}
+"""Unit and meaning of the signals of other things."""
 
 TRACK_SIGNALS = ("progress", "lateral_error", "heading_error", "curvature", "lap", "laps", "lap_time")
 """Signals that only a world with a track has."""
@@ -191,7 +215,7 @@ def observe(
     if TIME_TO_COLLISION in wanted:
         signals[TIME_TO_COLLISION] = time_to_collision(own, movers.values(), world)
     # Units last: they are for the signals that exist by now.
-    units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
+    units |= {name: unit for name, (unit, _) in SIGNALS.items() if name in signals}
     events = {
         "collision": _collision(
             signals, touches(own, [movers[actor.name] for actor in world.actors if actor.name in movers])

@@ -8,7 +8,7 @@ from typing import NoReturn, TypeVar
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import to_si
 from mirdrake.requirements.judging import Kind, Requirement
-from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED
+from mirdrake.requirements.observation import EVENTS, SIGNALS
 from mirdrake.requirements.surroundings import GAP
 from mirdrake.requirements.terms import COUNTS, Atom, Comparison, Expression, Happening, Junction, Negation
 
@@ -154,8 +154,8 @@ class _Parser:
         if word in EVENTS and not absolute:
             return self._add(Happening(len(self._atoms), word, word))
         # A name with a dot is a column of some run; whether it exists is known only when the run is judged.
-        if "." not in word and word not in DERIVED and word not in RECORDED:
-            known = [*DERIVED, *RECORDED, *EVENTS]
+        if "." not in word and word not in SIGNALS:
+            known = [*SIGNALS, *EVENTS]
             self._fail(f"unknown signal '{word}'; {did_you_mean(word, known)}, or a column of the run with a dot in it")
         if bracket:
             self._expect(")")
@@ -171,7 +171,7 @@ class _Parser:
         if sign in {"==", "!="} and signal not in COUNTS:
             self._fail(f"'{signal}' is not a count, so {sign} is not allowed; compare it with < or >")
         self._at += 1
-        known = {**RECORDED, **{name: unit for name, (unit, _) in DERIVED.items()}}.get(signal)
+        known = SIGNALS[signal][0] if signal in SIGNALS else None
         # A unit is checked now where the signal is known, else when the run is judged.
         value, unit = self._value("m" if signal.startswith(GAP) else known)
         # Text of the atom as in the requirement, with the spaces of brackets removed.

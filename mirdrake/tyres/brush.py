@@ -270,8 +270,8 @@ class BrushTyres(SlipTyres):
     }
 
     kind: Literal["brush"]
-    front: BrushAxle
-    rear: BrushAxle | None = Field(default=None, description="empty: as front")
+    front: BrushAxle = Field(description="tyres of the front axle")
+    rear: BrushAxle | None = Field(default=None, description="tyres of the rear axle; empty: as front")
 
     def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:  # noqa: ARG002 - no files
         """Return the laws of front and rear tyres."""

@@ -93,7 +93,7 @@ class MagicFormulaTyres(SlipTyres):
     kind: Literal["magic_formula"]
     file: str = Field(min_length=1, description="a .tir file in the vehicle folder, else in models/tyres")
     rear_file: str | None = Field(default=None, min_length=1, description="file of the rear tyres; empty: as in front")
-    scale: TyreScale = Field(default_factory=TyreScale, description="multiplied with those of the file")
+    scale: TyreScale = Field(default_factory=TyreScale, description="scale factors, multiplied with those of the file")
     rear_scale: TyreScale | None = Field(
         default=None, description="scale factors of the rear tyres; empty: as in front"
     )

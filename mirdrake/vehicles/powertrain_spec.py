@@ -155,9 +155,11 @@ class ElectricPowertrain(AnyPowertrain):
     efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] efficiency of the gear")
     rotor_inertia: float = Field(default=0.0, ge=0, description="[kg m²] inertia at the motor speed")
     governed_speed: Speed | None = Field(default=None, gt=0, description="[m/s] speed limiter; null: none")
-    regeneration: Regeneration | None = None
-    losses: MotorLosses = Field(default_factory=MotorLosses, description="of motor and inverter, for the battery")
-    battery: Battery | None = Field(default=None, description="null: the energy is not computed")
+    regeneration: Regeneration | None = Field(default=None, description="regenerative braking; null: none")
+    losses: MotorLosses = Field(
+        default_factory=MotorLosses, description="losses of motor and inverter, for the battery"
+    )
+    battery: Battery | None = Field(default=None, description="battery; null: the energy is not computed")
 
     @field_validator("torque_map")
     @classmethod
@@ -179,7 +181,7 @@ class ElectricPowertrain(AnyPowertrain):
 
 
 class Converter(Schema):
-    """Torque converter, quasi-static: see :mod:`mirdrake.plant.powertrain.engine`."""
+    """Torque converter without dynamics; the equations are in :mod:`mirdrake.plant.powertrain.engine`."""
 
     stall_speed: AngularRate = Field(
         gt=0, description="[rad/s] stall speed: engine speed at full throttle, wheels locked"
@@ -220,7 +222,7 @@ class EnginePowertrain(AnyPowertrain):
     shift_time: Duration = Field(default=0.0, ge=0, le=5, description="[s] torque interruption during a shift")
     efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] efficiency of gearbox and final drive")
     inertia: float = Field(default=0.0, ge=0, description="[kg m²] inertia at the engine speed")
-    converter: Converter
+    converter: Converter = Field(description="torque converter")
 
     @field_validator("torque_curve")
     @classmethod

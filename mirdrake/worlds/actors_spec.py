@@ -66,7 +66,7 @@ class Condition(Schema):
 
     kind: ConditionKind = Field(description="kind of the condition [-]")
     of: str | None = Field(default=None, description="vehicle or actor that it is about; default: the actor itself [-]")
-    value: float = Field(description="distance, station or gap [m], time [s] or speed [m/s]")
+    value: float = Field(description="distance, station, gap, time or speed [SI]")
     track: str | None = Field(default=None, description="track of a station [-]")
 
     @model_validator(mode="after")
@@ -224,7 +224,7 @@ class RecordedSpec(Schema):
     begin: float = Field(default=0.0, description="time of the file at the start of a run [s]")
     rows: list[tuple[float, float, float, float]] = Field(
         default_factory=list,
-        description="samples of the file: time since the start of a run [s], x, y [m], yaw [rad] [-]",
+        description="samples of the file: time since the start of a run, x, y and yaw [s, m, m, rad]",
     )
 
 
@@ -249,7 +249,7 @@ class ActorSpec(Schema):
     radius: Annotated[Length, Field(ge=0.0, le=1000.0)] | None = Field(
         default=None, description="radius of the bends at the corners of the path; default: that of its kind [m]"
     )
-    speed: Speed = Field(default=0.0, ge=0.0, le=100.0, description="speed that it has and wants at the start [m/s]")
+    speed: Speed = Field(default=0.0, ge=0.0, le=100.0, description="speed and its set-point at the start [m/s]")
     behaviour: Behaviour = Field(
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
@@ -290,16 +290,18 @@ def _default_behaviour() -> ActorBehaviour:
 class AlongSpec(Schema):
     """Several actors one behind the other on a track."""
 
-    track: str
-    lane: int | str | None = None
-    s: Value = 0.0
-    spacing: Value
-    count: Value
-    offset: Value = 0.0
+    track: str = Field(description="name of the track [-]")
+    lane: int | str | None = Field(
+        default=None, description="number of the lane from the right, negative: oncoming; left or right [-]"
+    )
+    s: Value = Field(default=0.0, description="s of the first one along the centre line [m]")
+    spacing: Value = Field(description="distance from one to the next along the track [m]")
+    count: Value = Field(description="number of actors [-]")
+    offset: Value = Field(default=0.0, description="offset to the left of the middle of the lane [m]")
 
 
 class ActorEntry(ActorSpec):
-    """Entry of a world file, from which :mod:`mirdrake.worlds.actor_entries` makes one actor or several."""
+    """A prop that moves, or several with `along`; with `body: full` a full vehicle."""
 
     name: Label | None = Field(default=None, description="its name; default: that of the prop and a number [-]")  # type: ignore[assignment]
     along: AlongSpec | None = Field(default=None, description="several on a track, one behind the other [-]")

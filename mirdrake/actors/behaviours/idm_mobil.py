@@ -19,7 +19,7 @@ TIME: Final = 9
 
 
 class IdmMobil(Idm):
-    """Intelligent driver model, with lane changes that are of use and safe."""
+    """Intelligent driver model with lane changes by MOBIL."""
 
     law: ClassVar[int] = LAW
 

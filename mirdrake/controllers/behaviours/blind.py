@@ -10,7 +10,7 @@ from mirdrake.core.yaml_io import Speed
 
 
 class BlindSpec(Driver):
-    """Straight on without looking: a bad driver, to see whether a test notices."""
+    """Straight on, without regard to obstacles; verifies that a test fails for a bad driver."""
 
     kind: Literal["blind"] = Field(description="straight on without looking: a bad driver to test tests with [-]")
     speed: Speed = Field(5.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]")

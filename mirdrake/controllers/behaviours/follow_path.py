@@ -69,14 +69,16 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
 
 
 class FollowPathSpec(Driver):
-    """Follow a track of the world, or a path of points; obstacles are not looked at."""
+    """Follow a track of the world, or a path of points, without regard to obstacles."""
 
     kind: Literal["follow_path"] = Field(description="follow a track or points, blind to obstacles [-]")
     track: str | None = Field(None, description="name of a track of the world, default its first [-]")
     points: list[tuple[Length, Length]] | None = Field(
-        None, min_length=2, description="x, y of a path in the world instead [m]"
+        None, min_length=2, description="x and y of a path in the world, in place of a track [m]"
     )
-    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    speed: Speed = Field(
+        5.0, gt=0.0, le=100.0, description="set-point of the speed [m/s]; corners may be driven slower"
+    )
     lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
     acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
     deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")

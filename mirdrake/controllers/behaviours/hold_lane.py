@@ -149,8 +149,10 @@ class HoldLaneSpec(Driver):
 
     kind: Literal["hold_lane"] = Field(description="hold a lane of a track, and stop before obstacles in it [-]")
     track: str | None = Field(None, description="name of a track of the world, default its first [-]")
-    offset: Length = Field(0.0, description="of the lane, to the left of the centre line [m]")
-    speed: Speed = Field(5.0, gt=0.0, le=100.0, description="set-point [m/s]; corners may be driven slower")
+    offset: Length = Field(0.0, description="offset of the lane to the left of the centre line [m]")
+    speed: Speed = Field(
+        5.0, gt=0.0, le=100.0, description="set-point of the speed [m/s]; corners may be driven slower"
+    )
     distance: Length = Field(2.0, ge=0.0, description="gap in front of the car when it stops [m]")
     clearance: Length = Field(
         0.2, ge=0.0, description="lateral distance within which an object obstructs the vehicle [m]"

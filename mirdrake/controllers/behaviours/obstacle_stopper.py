@@ -77,9 +77,11 @@ class ObstacleStopperSpec(BehaviourDriver):
     distance: Length = Field(
         PUBLISHED_DISTANCE,
         ge=0.0,
-        description="as published: where speed 0 is commanded [m]; else the gap that is left [m]",
+        description="gap at standstill; as published: gap at which speed 0 is commanded [m]",
     )
-    as_published: bool = Field(False, description="the published switch, without a braking profile [-]")
-    deceleration: Acceleration = Field(3.0, gt=0.0, description="of the braking profile [m/s^2]")
+    as_published: bool = Field(
+        False, description="switch the speed off at `distance`, as published, without a braking profile [-]"
+    )
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s^2]")
     reaction: Reaction = 0.3
     period: DecisionPeriod = 0.05

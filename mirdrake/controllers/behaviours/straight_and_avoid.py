@@ -275,10 +275,10 @@ class StraightAndAvoidSpec(BehaviourDriver):
     clearance: Length = Field(0.5, ge=0.0, description="desired lateral distance to obstacles [m]")
     distance: Length = Field(1.0, ge=0.0, description="gap in front of the car when it stops [m]")
     lookahead: Length = Field(
-        12.0, gt=0.0, description="how far it looks at least [m]; never less than it takes to stop"
+        12.0, gt=0.0, description="least distance that it looks ahead [m]; always at least its stopping distance"
     )
-    deceleration: Acceleration = Field(3.0, gt=0.0, description="of the braking profile [m/s^2]")
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s^2]")
     reaction: Reaction = 0.3
     lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
-    convergence_distance: Length = Field(3.0, gt=0.0, description="distance over which the line is come back to [m]")
+    convergence_distance: Length = Field(3.0, gt=0.0, description="distance over which it returns to the line [m]")
     period: DecisionPeriod = 0.05

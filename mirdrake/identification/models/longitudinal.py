@@ -55,7 +55,7 @@ class LongitudinalOptions(ModelOptions):
 
 
 class LongitudinalModel(EquationModel):
-    """Longitudinal motion; equations in the head of the module.
+    """Longitudinal motion; the equations are in the docstring of the module.
 
     Raises:
         ConfigError: a channel is missing.

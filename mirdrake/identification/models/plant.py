@@ -87,7 +87,7 @@ class PlantOptions(ModelOptions):
 
 
 class PlantModel(SimulatedModel):
-    """Full plant; parameters in the head of the module.
+    """Full multibody plant; the parameters are in the docstring of the module.
 
     Raises:
         ConfigError: a channel or the vehicle is missing, or the plant cannot be built.

@@ -47,7 +47,7 @@ class RideOptions(ModelOptions):
 
 
 class RideModel(EquationModel):
-    """Half car over a known road; equations in the head of the module.
+    """Half car over a known road; the equations are in the docstring of the module.
 
     Raises:
         ConfigError: a channel is missing.

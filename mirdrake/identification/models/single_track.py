@@ -170,7 +170,7 @@ class SingleTrackOptions(ModelOptions):
 
 
 class SingleTrackModel(CompiledModel):
-    """Single track; equations in the head of the module.
+    """Single-track model of the lateral motion.
 
     Raises:
         ConfigError: a channel is missing.
@@ -577,7 +577,7 @@ def _join(*advice: str) -> str:
 
 
 class SingleTrackRollModel(SingleTrackModel):
-    """Single track with roll of the body."""
+    """Single-track model with roll of the body."""
 
     kind = "single_track_roll"
     rolls_by_default = True

@@ -48,9 +48,9 @@ class PedalState(NamedTuple):
 
 
 class PedalControl(JointControl):
-    """The speed is held by throttle and brake pedal: mirdrake/vehicles/joint_control/pedals.py.
+    """The speed is held by throttle and brake pedal; needs tyres of kind brush or magic_formula.
 
-    Only with tyres that take torques, brush or magic_formula; kp, ki and max_correction of `speed` are not used.
+    kp, ki and max_correction of `speed` are not used.
     """
 
     gains: ClassVar[dict[str, str]] = {"kp": "1/s", "ki": "1/s²"}
