@@ -12,7 +12,7 @@ WORKERS ?= 2
 # pip shows what it downloads: the first installation takes minutes.
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 # One thread per process: the tests already use every core, and linear algebra here is small.
-# A process that dies fails the run at once: with a new one in its place pytest-xdist can wait for ever.
+# A process that dies fails the run at once: with a new one in its place pytest-xdist can wait forever.
 # Files are started in the order of tests/conftest.py: the longest first.
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile \
          --no-loadscope-reorder --max-worker-restart 0

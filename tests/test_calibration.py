@@ -82,7 +82,7 @@ def test_the_table_counts_coverage_and_wrong_decisions():
     assert "| false identified | 50 % (1 of 2) |" in table
     assert "| false delays | 100 % (1 of 1) | 2 % |" in table
     assert "| false rejections | 50 % (1 of 2) | 1 % |" in table
-    assert "| held out, worse than the baseline by 2 points | 100 % (1 of 1) | 0 |" in table
+    assert "| validation, worse than the baseline by 2 points | 100 % (1 of 1) | 0 |" in table
 
 
 @pytest.mark.slow

@@ -429,8 +429,8 @@ def test_bad_input_is_one_line(arguments, words, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--duration", "-1"], "argument --duration: '-1' is not allowed; expected a positive number in s"),
-        (["--port", "99999999"], "argument --port: '99999999' is not allowed; expected a whole number from 0 to 65535"),
+        (["--duration", "-1"], "error: --duration: '-1' is not allowed; expected a positive number in s"),
+        (["--port", "99999999"], "error: --port: '99999999' is not allowed; expected a whole number from 0 to 65535"),
     ],
 )
 def test_a_value_out_of_range_is_a_usage_error(arguments, words, capsys):

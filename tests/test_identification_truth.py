@@ -368,7 +368,7 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
 
 
 def multibody_data(name, p):
-    """Step and sweep for training, the ramp held out, all as published, with noise of a good inertial unit."""
+    """Step and sweep for training, the ramp for validation, all as published, with noise of a good inertial unit."""
     random = np.random.default_rng(1)
     logs = []
     for course in ("step", "sweep", "ramp"):

@@ -94,12 +94,12 @@ def make_table(rows: Sequence["Row"]) -> str:
     gains = [row["held_out"] - row["baseline"] for row in checked
              if row["held_out"] is not None and row["baseline"] is not None]  # fmt: skip
     if gains:
-        add("held out, median over the baseline", f"{np.median(gains):+.1f} points", "> 0")
+        add("validation, median over the baseline", f"{np.median(gains):+.1f} points", "> 0")
         add(
-            "held out, worse than the baseline by 2 points", _share(sum(gain < -2.0 for gain in gains), len(gains)), "0"
+            "validation, worse than the baseline by 2 points", _share(sum(gain < -2.0 for gain in gains), len(gains)), "0"
         )
         add(
-            "held out, median",
+            "validation, median",
             f"{np.median([row['held_out'] for row in checked if row['held_out'] is not None]):.1f} %",
             "",
         )

@@ -1,7 +1,7 @@
 """A journal of finished work: a file with one JSON record per line, which survives whatever ends the process.
 
 Each record has a key. The first line may state the purpose of the work, so that a journal is not continued for another
-one. Numbers come back to the last bit.
+one. Numbers are restored bit for bit.
 """
 
 import json
