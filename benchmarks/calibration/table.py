@@ -96,7 +96,9 @@ def make_table(rows: Sequence["Row"]) -> str:
     if gains:
         add("validation, median over the baseline", f"{np.median(gains):+.1f} points", "> 0")
         add(
-            "validation, worse than the baseline by 2 points", _share(sum(gain < -2.0 for gain in gains), len(gains)), "0"
+            "validation, worse than the baseline by 2 points",
+            _share(sum(gain < -2.0 for gain in gains), len(gains)),
+            "0",
         )
         add(
             "validation, median",
