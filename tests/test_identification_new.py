@@ -174,6 +174,11 @@ def test_topics_of_a_bag_are_mapped_by_the_types_of_their_messages(tmp_path, cap
         ("notes.csv", "name,town\n" + "a,b\n" * 30, "has no column of numbers"),
         ("oil.csv", "time,oil\n" + "".join(f"{row},{row % 7}\n" for row in range(30)), "no column has a known name"),
         ("short.csv", "time,vx\n0,1\n", "has no column of numbers"),
+        (
+            "long.csv",
+            "time,signal,value\n" + "".join(f"{row},speed,1\n{row},yaw_rate,2\n" for row in range(30)),
+            "the cells of column 'signal' are names of channels",
+        ),
     ],
 )
 def test_a_log_without_known_columns_is_reported_in_one_line(tmp_path, capsys, name, content, expected):
@@ -182,6 +187,40 @@ def test_a_log_without_known_columns_is_reported_in_one_line(tmp_path, capsys, n
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert expected in line
+
+
+def test_a_stated_rate_makes_a_rate_of_the_name_of_an_angle():
+    assert channel_by_name("Yaw", "deg/s") == "yaw_rate"
+    assert channel_by_name("Yaw", "deg") == "yaw"
+
+
+def test_a_turned_accelerometer_is_found_by_the_turns(tmp_path, capsys):
+    """Its x axis is to the left; with the axes by their names, the check finds the exchange."""
+    t, c = truth()
+    columns = [t, c["vx"], c["yaw_rate"], c["lateral_acceleration"], c["longitudinal_acceleration"]]
+    write_table(tmp_path / "log.csv", columns, "time [s],vx [m/s],yaw_rate [rad/s],acc_x [m/s^2],acc_y [m/s^2]\n")
+    log, text = proposed(tmp_path, "log.csv", capsys)
+    agree(log, c, ("longitudinal_acceleration", "lateral_acceleration"))
+    assert text.count("axis by the relations") == 2
+    data = tmp_path / "log.yaml"
+    wrong = {"lateral": "x", "longitudinal": "y"}
+    lines = [line for line in data.read_text(encoding="utf-8").splitlines() if "_acceleration:" not in line]
+    at = next(index for index, line in enumerate(lines) if line.startswith("channels:"))
+    lines[at + 1 : at + 1] = [
+        f"  {name}_acceleration: {{column: acc_{'y' if axis == 'x' else 'x'}}}" for name, axis in wrong.items()
+    ]
+    data.write_text("\n".join(lines), encoding="utf-8")
+    assert main(["identify", "check", str(data)]) == 1
+    assert "their columns are exchanged" in capsys.readouterr().out
+
+
+def test_truth_values_and_distances_are_neither_a_steering_nor_a_clock(tmp_path, capsys):
+    t, c = truth()
+    columns = [np.cumsum(c["vx"]) * (t[1] - t[0]), c["vx"], c["road_wheel_angle"], np.arange(len(t)) % 2]
+    write_table(tmp_path / "log.csv", columns, "s_m,vx_mps,steer_rad,steering_pressed\n")
+    text = proposed(tmp_path, "log.csv", capsys)[1]
+    assert "column: steering_pressed" not in text
+    assert "time: {step: 10 ms}  # no column increases" in text
 
 
 def test_a_data_file_is_not_overwritten(tmp_path, capsys):
@@ -206,7 +245,11 @@ def test_a_data_file_is_not_overwritten(tmp_path, capsys):
         ("Lenkwinkelgeschwindigkeit", None), ("Breitengrad", "latitude"), ("Querneigung", "bank"),
         ("FahrpedalStellung", "throttle"), ("brake_pressure", "brake"), ("Motordrehzahl", "engine_speed"),
         ("accel_pedal", "throttle"), ("target_lane", None), ("heading", "yaw"), ("v_z", None),
-        ("ego.speed_trim", None), ("ego.heading_error", None), ("yaw_rate_std", None),
+        ("ego.speed_trim", None), ("ego.heading_error", None), ("yaw_rate_std", None), ("vEgo", "speed"),
+        ("rpm_fl", "wheel_rate_front_left"), ("speed_rr", "wheel_speed_rear_right"),
+        ("G Force Lat", "lateral_acceleration"),
+        ("LonAcc", "longitudinal_acceleration"), ("z_rate_of_rotation", "yaw_rate"), ("latAccelSteeringAngle", None),
+        ("twist.linear.x", "vx"), ("pose.position.x", "x"), ("car.vx.Value", "vx"), ("speed (column 3)", "speed"),
     ],
 )  # fmt: skip
 def test_names_of_columns(column, expected):

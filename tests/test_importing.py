@@ -30,6 +30,7 @@ from mirdrake.importing.vehicles.model import (
 )
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
+from mirdrake.importing.vehicles.report import assumptions
 from mirdrake.importing.vehicles.ros_control import read_ros2_control
 from mirdrake.importing.vehicles.springs import WheelSpring, _travel
 from mirdrake.runs.simulation import Simulation
@@ -213,7 +214,20 @@ def test_of_two_steered_axles_the_rear_one_is_fixed():
         "joint 'rka'",
         "joint 'rkb'",
     ]
-    assert len([line for line in lines(repaired(model)) if "'rka'" in line]) == 1
+    result = repaired(model)
+    assert len([line for line in lines(result) if "'rka'" in line]) == 1
+    assert any("steering.rear" in line for line in assumptions(result))
+
+
+def test_assumptions_name_an_estimated_mass_and_steering_limit_with_the_value_of_the_source():
+    model = car()
+    model.links["chassis"].inertial.mass = 0.02
+    for letter in "ab":
+        model.joints[f"k{letter}"].limits = Limits(-90.0, 90.0)
+    said = " ".join(assumptions(repaired(model)))
+    assert re.search(r"Mass of the body: 0\.02 kg in the source, [\d.]+ kg is estimated", said)
+    assert "±0.6 rad is assumed" in said
+    assert "estimated" not in " ".join(assumptions(repaired(car())))
 
 
 def test_rear_wheels_below_the_cage_of_a_differential_are_still_two_wheels():
@@ -371,6 +385,32 @@ UNUSABLE = {
     "inclined": (incline, r"'steer_a' has an axis 45 degrees off the vertical \(at most 37\)"),
     "level": (lambda joint: setattr(joint, "axis", X), "'steer_a' has an axis 90 degrees off the vertical"),
 }
+
+
+def limited_wheels(model):
+    """Give all wheels limits and names of a steering."""
+    for joint in [joint for joint in model.joints.values() if joint.child.startswith("w")]:
+        joint.kind, joint.name, joint.limits = "revolute", f"steer_{joint.child}", Limits(-0.7, 0.7)
+    model.joints = {joint.name: joint for joint in model.joints.values()}
+    return model
+
+
+def test_wheels_with_limits_are_no_steering_whatever_their_name():
+    with pytest.raises(
+        ModelError, match=r"cannot be used as wheels: 'steer_w..' turns from -0\.7 to 0\.7 rad only"
+    ) as caught:
+        recognise(limited_wheels(car()))
+    assert "off the vertical" not in str(caught.value)
+
+
+def test_steered_wheels_without_a_joint_to_turn_on_are_named():
+    model = car()
+    for letter in "ab":
+        model.joints[f"j1{letter}"].kind = "fixed"
+    with pytest.raises(ModelError, match=r"'ka' carries 'w1a', which is round but has no joint to turn on") as caught:
+        recognise(model)
+    assert "differential" not in str(caught.value)
+    assert "caster" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("change", "reason"), UNUSABLE.values(), ids=UNUSABLE)

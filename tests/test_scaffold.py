@@ -236,6 +236,32 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
     assert np.abs(errors).max() < math.log(1.36)
 
 
+def test_top_speed_and_power_are_those_of_published_vehicles_from_a_robot_to_a_bus() -> None:
+    speeds: list[float] = []
+    powers: list[float] = []
+    for row in table("powers.csv"):
+        mass, speed, base = float(row["mass_kg"]), float(row["top_speed_mps"]), 0.24 * float(row["mass_kg"]) ** (1 / 3)
+        # Wheels of the smallest radius of cars do not limit the top speed.
+        found = estimate(mass=mass, wheelbase=base, track=0.6 * base, wheel_radius=0.35, wheel_width=0.1)
+        speeds.append(math.log(found.max_speed / speed))
+        if row["power_w"]:
+            powers.append(math.log(found.max_power / float(row["power_w"])))
+    for errors, count, largest, near in ((speeds, 30, 2.5, 0.8), (powers, 25, 2.3, 0.65)):
+        assert len(errors) >= count
+        assert abs(np.median(errors)) < 0.1
+        assert np.abs(errors).max() < math.log(largest)
+        assert np.mean(np.abs(errors) < math.log(1.6)) > near
+
+
+def test_a_robot_of_60_kg_drives_at_2_mps_and_its_power_follows_a_given_top_speed() -> None:
+    """14 W/kg at 2 m/s; at 5 m/s 35 W/kg. A model car has the speed of its wheels, 130 rad/s."""
+    robot = partial(estimate, mass=60, wheelbase=0.6, track=0.5, wheel_radius=0.12, wheel_width=0.08)
+    assert (robot().max_speed, robot().max_power) == pytest.approx((2.0, 840.0))
+    assert robot(top_speed=5.0).max_power == pytest.approx(2100.0)
+    model = estimate(mass=3.5, wheelbase=0.33, track=0.25, wheel_radius=0.05, wheel_width=0.045)
+    assert (model.max_speed, model.max_power) == pytest.approx((6.5, 49.0))
+
+
 def test_the_plausible_yaw_inertias_are_those_of_published_vehicles() -> None:
     robots: list[float] = []
     cars: list[float] = []

@@ -153,6 +153,28 @@ def test_every_fault_is_one_line_with_its_place(text: str, message: str) -> None
     assert fault(text) == message
 
 
+def test_an_entry_without_a_value_counts_as_left_out_if_it_has_a_default() -> None:
+    text = instead("FNOMIN = 4000", "FNOMIN = 4000\nFZMIN =\nFZMAX = $ none\nVERTICAL_STIFFNESS =")
+    assert parse_tir(text).parameters == parse_tir(SMALL).parameters
+
+
+def test_a_comment_broken_into_lines_and_a_version_in_quotes_are_read() -> None:
+    text = instead("PKX1 = 22", "PKX1 = 22 $ stiffness over the\nload\nPKX2 = 3 ! its change\nwith the load squared")
+    assert parse_tir(text).parameters == parse_tir(instead("PKX1 = 22", "PKX1 = 22\nPKX2 = 3")).parameters
+    assert parse_tir(instead("FITTYP = 61", "FITTYP = '62'")).parameters.version == "6.2"
+    # An entry without = is a fault after a comment, too, and so are words after an entry without one.
+    assert "expected NAME = value, got 'PKX2 3'" in fault(instead("PKX1 = 22", "PKX1 = 22 $ x\nPKX2 3"))
+    assert "expected NAME = value, got 'load'" in fault(instead("PKX1 = 22", "PKX1 = 22\nload"))
+
+
+def test_another_tyre_model_is_one_fault_whatever_its_units_and_sections_are() -> None:
+    text = "[UNITS]\nANGLE = 'deg'\n[MODEL]\nPROPERTY_FILE_FORMAT = 'SPRINGS'\n[BELT]\nMASS = 1\n"
+    assert fault(text) == (
+        "t.tir:4: [MODEL] PROPERTY_FILE_FORMAT: unknown 'SPRINGS' without FITTYP; only the Magic Formula is read: "
+        "MF-TYRE, MF52, MF_05, PAC2002"
+    )
+
+
 def test_an_empty_file_names_all_it_lacks() -> None:
     lines = fault("").splitlines()
     assert len(lines) == 6

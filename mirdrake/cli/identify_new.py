@@ -45,9 +45,10 @@ def run(options: argparse.Namespace) -> int:
     proposal = propose_data(log)
     if not proposal.channels:
         names = ", ".join(other.column for other in proposal.others[:20])
-        raise ConfigError(
-            f"{display_path(log)}: no column has a known name; map them with --map of identify check: {names}"
-        )
+        known = "no column has a known name; map them with --map of identify check"
+        if any(note.startswith("has no header") for note in proposal.notes):
+            known = "has no header; map its columns by their numbers from 1 with --map of identify check"
+        raise ConfigError(f"{display_path(log)}: {known}: {names}")
     # A data file names its logs relative to its own folder.
     text = proposal_text(proposal, os.path.relpath(log.resolve(), out.resolve().parent))
     write_file(out, text.encode())

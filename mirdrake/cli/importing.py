@@ -120,6 +120,8 @@ def _print_result(result: "ImportResult") -> None:
         f"{_radii((geometry.front_wheel_radius, geometry.rear_wheel_radius))}, {result.vehicle.spec.drive} drive"
     )
     print(f"  {count_changes(result.changes)}; all changes are listed in {display_path(result.folder / 'README.md')}")
+    for assumption in result.assumptions:
+        print(f"  please check: {assumption}")
     # The README has all changes; only those that change what the vehicle does are printed.
     for change in result.changes:
         if change.code in (Code.SENSOR, Code.SUSPENSION, Code.UNUSUAL):

@@ -6,11 +6,13 @@ from collections.abc import Iterable, Mapping
 
 from mirdrake.core.vectors import SIDES, STATE
 from mirdrake.identification.channels import CHANNELS, WHEELS
+from mirdrake.readers.tables import PLACE
 from mirdrake.readers.units import is_unit, plain_unit, unit_factor
 
 _COMMAND = r"(cmd|command|target|soll|desired|request|demand|set_?point|consigne)"
 _SPEED, _STEER = r"(speed|vel|geschw|vitesse|v$)", r"(steer|lenk|delta|servo|spurwinkel|wheel_angle)"
 _ACC, _GYRO = r"(acc|accel|acceleration|beschl)\w*", r"(gyro|gyr|angular|ang|rot|rotation|omega)\w*"
+_TURN, _G = r"(rate|gyro|gyr)(_|$)", r"(^|_)g_(force)"
 _TYRE = r"(tyre|tire|wheel|rad|reifen)"
 _ERROR = r"(error|err|trim|deviation|residual|correction|abweichung|fehler|korrektur|ecart|erreur|std|stddev|variance)"
 
@@ -19,6 +21,7 @@ NAMES: tuple[tuple[str, str], ...] = (
     ("speed_command", rf"{_COMMAND}.*{_SPEED}|(^v|speed|vel|geschw)[a-z_]*_{_COMMAND}"),
     ("steering_command", rf"{_COMMAND}.*{_STEER}|{_STEER}[a-z_]*_{_COMMAND}"),
     ("", _COMMAND),
+    ("", rf"acc\w*{_STEER}|{_STEER}\w*_acc"),  # of two quantities: one is computed from the other
     ("wheel_speed", r"(wheel|rad|roue)_?(speed|geschw|vitesse|vel)|^(v|ws)_?(fl|fr|rl|rr|vl|vr|hl|hr)$"),
     ("wheel_rate", r"wheel_?(rate|omega|rpm)|rad_?drehzahl|omega_?(fl|fr|rl|rr|vl|vr|hl|hr)$"),
     ("tyre_force_x", rf"{_TYRE}.*(fx|force_x|long\w*_force|laengskraft)|^fx_?\w"),
@@ -33,18 +36,22 @@ NAMES: tuple[tuple[str, str], ...] = (
     ("steering", r"steer|lenk|braquage|servo"),
     (
         "yaw_rate",
-        rf"(yaw|heading)_?(rate|vel|speed)|gier_?\w*(rate|geschw)|lacet|{_GYRO}_?z$|^w_?z$|psi_?(dot|p|punkt)",
+        rf"(yaw|heading)_?(rate|vel|speed)|gier_?\w*(rate|geschw)|lacet|{_GYRO}_?z$|^w_?z$|psi_?(dot|p|punkt)|^r$"
+        rf"|(^|_)z_(axis_)?{_TURN}|^(gps_)?gyro$",
     ),
-    ("roll_rate", rf"roll_?(rate|vel)|wank_?\w*(rate|geschw)|roulis|{_GYRO}_?x$|^w_?x$"),
-    ("pitch_rate", rf"pitch_?(rate|vel)|nick_?\w*(rate|geschw)|tangage|{_GYRO}_?y$|^w_?y$"),
-    ("longitudinal_acceleration", rf"laengsbeschl|long\w*acc|acc\w*long|(^|_)a(cc)?_?x$|{_ACC}_x$|accel_?x"),
-    ("lateral_acceleration", rf"querbeschl|lat(eral)?_?acc|acc\w*lat|(^|_)a(cc)?_?y$|{_ACC}_y$|accel_?y"),
-    ("vertical_acceleration", rf"vert\w*acc|(^|_)a(cc)?_?z$|{_ACC}_z$|accel_?z"),
+    ("roll_rate", rf"roll_?(rate|vel)|wank_?\w*(rate|geschw)|roulis|{_GYRO}_?x$|^w_?x$|(^|_)x_(axis_)?{_TURN}"),
+    ("pitch_rate", rf"pitch_?(rate|vel)|nick_?\w*(rate|geschw)|tangage|{_GYRO}_?y$|^w_?y$|(^|_)y_(axis_)?{_TURN}"),
+    (
+        "longitudinal_acceleration",
+        rf"laengsbeschl|lon(g\w*)?_?acc|acc\w*_?lon|(^|_)a(cc)?_?x$|{_ACC}_x$|accel_?x|{_G}_lon|^a_?(ego|veh)$",
+    ),
+    ("lateral_acceleration", rf"querbeschl|lat(eral)?_?acc|acc\w*lat|(^|_)a(cc)?_?y$|{_ACC}_y$|accel_?y|{_G}_lat"),
+    ("vertical_acceleration", rf"vert\w*acc|(^|_)a(cc)?_?z$|{_ACC}_z$|accel_?z|{_G}_vert"),
     ("engine_speed", r"rpm|engine_?speed|motor_?(drehzahl|speed)|drehzahl|regime"),
     ("vx", r"long\w*_?(vel|speed)|laengsgeschw|(^|_)v_?x$|(vel|velocity|speed|linear)\w*_x$"),
     ("vy", r"lat(eral)?_?(vel|speed)|quergeschw|(^|_)v_?y$|(vel|velocity|speed|linear)\w*_y$"),
     ("", r"(^|_)v_?z$|(vel|velocity|linear)\w*_z$"),
-    ("speed", r"speed|geschw|vitesse|velocity|^v$|^v_(car|veh|fzg|gps|ref|ist)|^vel$"),
+    ("speed", r"speed|geschw|vitesse|velocity|^v$|^v_?(car|veh|fzg|gps|ref|ist|ego)|^vel$"),
     ("latitude", r"^lat(itude)?$|latitude|breitengrad|(^|_)lat$"),
     ("longitude", r"^(lon|lng|long)(gitude)?$|longitude|laengengrad|(^|_)lon$"),
     ("sideslip", r"side_?slip|schwimmwinkel|^beta$|derive"),
@@ -141,9 +148,11 @@ def channel_by_name(column: str, unit: str = "") -> str | None:
     # Tyre forces and specific forces have the same names.
     if (force := SPECIFIC_FORCE.get(plain_name(column.rpartition(".")[2]))) and fits(unit, "m/s^2"):
         return force
-    # The device before a dotted name counts only if the rest has no meaning.
-    for name in dict.fromkeys((plain_name(column.rpartition(".")[2]), plain_name(column))):
-        if name in CHANNELS:
+    column = PLACE.sub("", column)
+    # The device before a dotted name counts only if the rest has no meaning, or is the component of a vector.
+    names = [plain_name(column.rpartition(".")[2]), plain_name(column)]
+    for name in dict.fromkeys(names[::-1] if names[0] in {"x", "y", "z"} else names):
+        if name in CHANNELS and not (name in _ANGLES and fits(unit, "rad/s")):
             return name
         bare = re.sub(rf"_({'|'.join(_SUFFIXES)})$", "", name)
         found = next((channel for channel, pattern in NAMES if re.search(pattern, bare)), None)
@@ -154,15 +163,31 @@ def channel_by_name(column: str, unit: str = "") -> str | None:
                 (wheel for wheel, mark in _WHEELS.items() if re.search(rf"(^|_|f[xyz]|v){mark}(_|$)", bare)), None
             )
             return f"{found}_{wheel}" if wheel else None
+        if found in _BY_WHEEL and (wheel := _wheel_of(bare)):
+            return f"{_BY_WHEEL[found]}_{wheel}"
+        # A rate may have the name of its angle.
+        if found in _ANGLES and fits(unit, "rad/s"):
+            return f"{found}_rate"
         if found is not None:
             return found
     return None
 
 
+_ANGLES = {"roll", "pitch", "yaw"}
+
+_BY_WHEEL = {"engine_speed": "wheel_rate", "speed": "wheel_speed"}
+"""Channels of a wheel whose name is that of the whole vehicle with the mark of a wheel, such as ``rpm_fl``."""
+
+
+def _wheel_of(name: str) -> str | None:
+    """Return the wheel that a name has as a word, such as front_left for ``ws_fl_rpm``."""
+    return next((wheel for wheel, mark in _WHEELS.items() if re.search(rf"(^|_){mark}(_|$)", name)), None)
+
+
 _SUFFIXES = (
     "kmh", "km_h", "kph", "mph", "mps", "m_s", "ms2", "mps2", "m_s2", "g", "deg", "rad", "grad", "degs", "deg_s", "dps",
     "rads", "rad_s", "rps", "s", "ms", "us", "ns", "m", "n", "kn", "nm", "pct", "percent", "ist", "mess", "filt", "raw",
-    "act", "actual",
+    "act", "actual", "value", "val",
 )  # fmt: skip
 """Units and remarks at the end of names."""
 

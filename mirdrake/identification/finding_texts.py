@@ -181,6 +181,8 @@ FINDINGS: dict[str, Text] = {
     "mistakes": "would be explained by: {mistakes}",
     "impossible_turn": "speed times yaw rate reaches {value:.3g} m/s^2, more than tyres can hold: deg as rad, km/h as "
     "m/s?",
+    "exchanged_axes": "longitudinal_acceleration follows speed times yaw rate (correlation {longitudinal:.2f}), and "
+    "lateral_acceleration does not ({lateral:.2f}): their columns are exchanged",
     "steering_sign": "{channel} to the left turns the vehicle to the right (correlation {correlation:.2f}): wrong sign",
     "steering_bias": _bias,
     "steering_scale": _steering_scale,

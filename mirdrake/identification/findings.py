@@ -147,10 +147,17 @@ class DataReport:
         groups = dict.fromkeys(rating.parameters for rating in self.excitation)
         enough = {rating.parameters for rating in self.excitation if rating.verdict == "good" and rating.log in train}
         if not groups:
-            return "no fault is left; without a speed the excitation cannot be rated"
+            return f"no fault is left; the excitation cannot be rated without {self._missing()}"
         if weak := [group for group in groups if group not in enough]:
             return f"no fault is left; excitation too weak for {'; '.join(weak)}"
         return f"no fault is left; enough excitation for {'; '.join(groups)}"
+
+    def _missing(self) -> str:
+        """Return what the training logs lack for a rating of the excitation."""
+        known = {name.partition("@")[0] for log in self.data.train for name in log.channels}
+        if not known & {"vx", "speed"}:
+            return "a speed"
+        return "a yaw rate or the pedals"
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the findings, a row each."""

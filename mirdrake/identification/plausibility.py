@@ -44,6 +44,9 @@ MIN_OPPOSITE = 0.5
 MIN_MOVING, SPEED_RATIO = 1.0, (0.5, 2.0)
 """Time in motion that shows the ratio of speed and vx [s], and the range of the ratio that is accepted [1]."""
 
+MIN_EXCHANGED, MAX_EXCHANGED = 0.9, 0.5
+"""Correlation with speed times yaw rate from which on an acceleration is the lateral one, and up to which it is not."""
+
 _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
@@ -93,9 +96,37 @@ def check_speed(log: Log) -> list[Finding]:
     return [Finding(log.name, "units", "speed, vx", "fault", ratio, "1", text)]
 
 
+def exchanged_axes(log: Log) -> tuple[float, float] | None:
+    """Return the correlations of longitudinal and lateral acceleration with speed times yaw rate if they are exchanged.
+
+    This is the case if the first one follows it and the second one does not, as with a sensor turned by 90 degrees.
+    """
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {forward, "yaw_rate", "longitudinal_acceleration", "lateral_acceleration"} <= grid.channels.keys():
+        return None
+    names = (forward, "yaw_rate", "longitudinal_acceleration", "lateral_acceleration")
+    speed, rate, ahead, side = (smooth(grid, name) for name in names)
+    turn = speed * rate
+    if min(float(np.std(values)) for values in (turn, ahead, side)) < 1e-9:
+        return None
+    along, across = (float(np.corrcoef(values, turn)[0, 1]) for values in (ahead, side))
+    return (along, across) if abs(along) > MIN_EXCHANGED and abs(across) < MAX_EXCHANGED else None
+
+
+def check_axes(log: Log) -> list[Finding]:
+    """Find longitudinal and lateral accelerations that are exchanged."""
+    found = exchanged_axes(log)
+    if found is None:
+        return []
+    text = statement("exchanged_axes", longitudinal=found[0], lateral=found[1])
+    names = "longitudinal_acceleration, lateral_acceleration"
+    return [Finding(log.name, "units", names, "fault", found[0], "1", text)]
+
+
 def check_relations(log: Log) -> list[Finding]:
     """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
-    findings, gains = check_speed(log), estimate_gains(log)
+    findings, gains = check_speed(log) + check_axes(log), estimate_gains(log)
     for gain in gains:
         # 10 %: gravity in a pitching car alone changes the gain of its longitudinal relation by as much. Noise beside a
         # small motion changes it by more: a gain of 1 between the bounds is not excluded.

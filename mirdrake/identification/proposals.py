@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
@@ -22,7 +23,7 @@ from mirdrake.identification.column_names import TIME, channel_by_name, channels
 from mirdrake.identification.data import Log
 from mirdrake.identification.derived import DERIVATIONS, add_derived, available
 from mirdrake.identification.message_types import fields_of
-from mirdrake.identification.plausibility import STEERING, estimate_gains, steering_sign
+from mirdrake.identification.plausibility import STEERING, estimate_gains, exchanged_axes, steering_sign
 from mirdrake.identification.relations import relation_effect
 from mirdrake.identification.run_vehicle import KnownVehicle, vehicle_of_run
 from mirdrake.readers import read_table
@@ -30,7 +31,7 @@ from mirdrake.readers.bags import list_topics
 from mirdrake.readers.formats import is_bag
 from mirdrake.readers.tables import Table
 from mirdrake.readers.time_columns import MIN_ROWS
-from mirdrake.readers.units import unit_factor
+from mirdrake.readers.units import QUANTITIES, unit_factor
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,9 @@ HAND_WHEEL = 10.0
 
 MAX_ROAD_ANGLE = 1.5
 """Largest angle of a road wheel about its steering axis [rad]; the joints of vehicles allow less."""
+
+MAX_NAMES = 200
+"""Largest number of different cells of a column with names of channels."""
 
 _ROAD_WHEELS = ("road_wheel_angle_left", "road_wheel_angle_right")
 
@@ -139,8 +143,14 @@ def propose_data(path: Path) -> DataProposal:
     time, unit, reason = _clock(table, numbers)
     seconds = _seconds(numbers, time, unit)
     channels = stated or _proposals_by_name(table, numbers, time)
+    if not channels and (names := _column_of_names(table)) is not None:
+        raise ConfigError(
+            f"{display_path(path)}: the cells of column '{names}' are names of channels, with a value for each in "
+            "another column; write a column for each channel first, for example with pivot_table of pandas"
+        )
     # The steering needs the units of speed and yaw rate, and its sign needs to know which steering it is.
-    channels = _solve_steering(_solve_units(channels, numbers, seconds), numbers, seconds)
+    channels = _solve_units(_exchange_axes(channels, numbers, seconds), numbers, seconds)
+    channels = _solve_steering(channels, numbers, seconds)
     used = {proposal.column for proposal in channels} | {time}
     others = tuple(
         Other(name, table.units.get(name, ""), float(np.nanmin(values)), float(np.nanmax(values)))
@@ -174,13 +184,29 @@ def _numeric_columns(table: Table) -> dict[str, Array]:
     return columns
 
 
+def _column_of_names(table: Table) -> str | None:
+    """Return the column whose cells are names of channels, of which each row has the value of one; None without."""
+    for name in table.names:
+        cells = pd.Series(np.asarray(table.columns[name]).ravel())
+        if pd.api.types.is_numeric_dtype(cells):
+            continue
+        texts = cells.dropna().astype(str)
+        kinds = list(texts.unique()[: MAX_NAMES + 1])
+        known = {found for kind in kinds if (found := channel_by_name(kind)) is not None}
+        if len(known) > 1 and len(kinds) <= min(MAX_NAMES, len(texts) // 2):
+            return name
+    return None
+
+
 def _clock(table: Table, numbers: Mapping[str, Array]) -> tuple[str | None, str, str]:
     """Return column, unit and reason of the clock; None if no column increases."""
     increasing = [name for name, values in numbers.items() if _increases(values)]
     named = [name for name in increasing if TIME.search(plain_name(name))]
-    if not increasing or not (named or increasing[0] == next(iter(numbers))):
+    # A distance or a longitude may increase as well.
+    first = next(iter(numbers))
+    if not named and (first not in increasing or _is_no_clock(table, first)):
         return None, "", "no column increases from row to row: state the sample time"
-    name = (named or increasing)[0]
+    name = named[0] if named else first
     reason = "by its name" if named else "the first column, which increases"
     stated = table.units.get(name) or unit_by_name(name, "s")
     if stated and (fits(stated, "s") or stated in {"us", "ns", "µs"}):
@@ -189,6 +215,18 @@ def _clock(table: Table, numbers: Mapping[str, Array]) -> tuple[str | None, str,
     step = float(np.nanmedian(np.diff(numbers[name])))
     unit = next((unit for unit, max_step in (("s", 0.5), ("ms", 500.0), ("us", 5e5)) if step <= max_step), "ns")
     return name, unit, f"{reason}; unit guessed from steps of {step:.4g}"
+
+
+def _is_no_clock(table: Table, column: str) -> bool:
+    """Whether a column is another quantity than time, by its name or unit."""
+    unit = table.units.get(column, "")
+    if channel_by_name(column, unit) is not None:
+        return True
+    return (
+        not fits(unit, "s")
+        and any(fits(unit, si) or unit_by_name(column, si) for si in QUANTITIES if si != "s")
+        and unit_by_name(column, "s") is None
+    )
 
 
 def _increases(values: Array) -> bool:
@@ -215,6 +253,9 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
             continue
         name = "road_wheel_angle" if found == "steering" else found
         si = channel(name).unit
+        # Truth values are the state of something, such as steeringPressed, and no size.
+        if si != "1" and np.isin(values[np.isfinite(values)], (0.0, 1.0)).all():
+            continue
         stated = table.units.get(column)
         if stated and not fits(stated, si):
             # A steering in percent is a command, not an angle.
@@ -283,6 +324,20 @@ def _log(proposals: list[Proposal], numbers: Mapping[str, Array], seconds: Array
     rows[1:] &= np.diff(seconds, prepend=seconds[:1])[1:] > 0.0
     channels, _ = add_derived({name: series[rows] for name, series in values.items()})
     return Log("proposal", "train", seconds[rows], channels)
+
+
+def _exchange_axes(proposals: list[Proposal], numbers: Mapping[str, Array], seconds: Array) -> list[Proposal]:
+    """Return proposals in which x and y of an accelerometer turned by 90 degrees are those of the vehicle."""
+    if exchanged_axes(_log(proposals, numbers, seconds)) is None:
+        return proposals
+    other = {
+        "longitudinal_acceleration": "lateral_acceleration", "lateral_acceleration": "longitudinal_acceleration",
+    }  # fmt: skip
+    why = "axis by the relations to other channels"
+    return [
+        replace(item, channel=other[item.channel], reasons=(*item.reasons, why)) if item.channel in other else item
+        for item in proposals
+    ]
 
 
 def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], seconds: Array) -> list[Proposal]:

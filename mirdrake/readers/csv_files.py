@@ -2,13 +2,15 @@
 
 Comment lines and text before the header are skipped; the header itself may be a comment (``# time, v`` of NumPy,
 ``%time,field.x`` of ROS), and so may the units below it. The delimiter, the decimal mark and the units in the header
-(``speed [km/h]``, ``speed (km/h)``) or in a row below it are detected, and so are files with a channel in each line.
+(``speed [km/h]``, ``speed (km/h)``, ``"speed"|"km/h"``) or in a row below it are detected, and so are files with a
+channel in each line, and files without a header, whose columns are numbered from 1.
 What was detected is noted in the table.
 """
 
 import gzip
 import re
 import zlib
+from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -18,7 +20,8 @@ import pandas as pd
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.wording import plural
-from mirdrake.readers.tables import Request, Table, read_bytes
+from mirdrake.readers.tables import PLACE, Request, Table, read_bytes
+from mirdrake.readers.time_columns import seconds_of_texts
 from mirdrake.readers.units import is_unit
 
 _DELIMITERS = ("\t", ";", ",", "|")
@@ -32,6 +35,8 @@ _MISSING = [
 _MAX_TRANSPOSED_LINES, _MIN_TRANSPOSED_CELLS = 60, 200
 """At most this many lines, of at least this many cells, are channels rather than rows."""
 _SAMPLE = 50  # rows that are looked at before the whole file is parsed
+_MAX_PREAMBLE, _MAX_HEAD = 100, 6
+"""At most this many lines before the rows, and so many between the header and the rows, with the header."""
 _ENCODINGS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _OTHER_FORMATS = {
     b"PK\x03\x04": "a workbook or another zip file",
@@ -87,7 +92,10 @@ class _Header:
 
 
 def read_csv(request: Request) -> Table:
-    """Read a CSV file as a table; the header is the first line that contains a requested column.
+    """Read a CSV file as a table.
+
+    The header is the first line that contains a requested column; without one, the first line, unless the rows below
+    show that it is something else.
 
     Raises:
         ConfigError: the file cannot be read, is empty, or a row has more cells than the header.
@@ -125,21 +133,36 @@ def _find_header(text: _Text) -> _Header:
         names = _without_comment_mark(text.cells(above, delimiter), text.request)
         return _Header(names, {}, delimiter, above, data_lines)
     head = _header_index(text)
+    delimiter = _delimiter_of(text, data_lines[head or 0])
+    if head is None:
+        head, delimiter = _header_by_rows(text, delimiter)
+    if head < 0:
+        rows = data_lines[-head - 1 :]
+        text.notes.append("has no header: its columns are numbered from 1")
+        names = [str(number) for number in range(1, len(text.cells(rows[0], delimiter)) + 1)]
+        return _Header(names, {}, delimiter, None, rows)
     if head:
         text.notes.append(f"{head} lines before the header in line {data_lines[head] + 1} are skipped")
-    delimiter = _delimiter_of(text, data_lines[head])
     return _Header(text.cells(data_lines[head], delimiter), {}, delimiter, data_lines[head], data_lines[head + 1 :])
 
 
 def _with_units(text: _Text, header: _Header) -> _Header:
     """Add the units in the names, ``speed [km/h]``, and those of a row of units below the header."""
     names, units, rows = list(header.names), dict[str, str](), header.rows
-    for index, title in enumerate(names):
-        match = _UNIT.fullmatch(title)
+    matches = [_UNIT.fullmatch(title) for title in names]
+    bare = Counter(match.group(1) if match else title for title, match in zip(names, matches, strict=True))
+    for index, (title, match) in enumerate(zip(names, matches, strict=True)):
         if match is not None and match.group(1):
+            # A number is an index, and brackets that tell columns apart are a part of the name.
+            unit, apart = match.group(2).strip(), bare[match.group(1)] > 1
+            if unit.isdigit() or (apart and not is_unit(unit)):
+                continue
             # A title that is requested with its brackets keeps them.
-            names[index] = title if title in text.request.columns else match.group(1)
-            units[names[index]] = match.group(2).strip()
+            names[index] = title if apart or title in text.request.columns else match.group(1)
+            units[names[index]] = unit
+        elif "|" in title and header.delimiter != "|":
+            # Name, unit and limits of a channel with bars between them.
+            names[index], units[names[index]] = (part.strip('" ') for part in title.split("|")[:2])
     # The row of units is a comment below the header, or the first row.
     below = [] if header.line is None or not rows else [*range(header.line + 1, rows[0]), rows[0]]
     for index in below:
@@ -151,6 +174,11 @@ def _with_units(text: _Text, header: _Header) -> _Header:
             text.notes.append(f"line {index + 1} is a row of units")
             rows = rows[1:] if index == rows[0] else rows
             break
+    # Further lines without a number, such as the devices of the channels, are no rows.
+    first = next((at for at, index in enumerate(rows[:_MAX_HEAD]) if not _is_words(text, index, header.delimiter)), 0)
+    if first and header.line is not None:
+        text.notes.append(f"{plural(first, 'line')} without numbers below the header, skipped")
+        rows = rows[first:]
     return replace(header, names=names, units=units, rows=rows)
 
 
@@ -198,8 +226,16 @@ def _parse_rows(text: _Text, header: _Header) -> Table:
             (f":{index + 1}" for index in rows if len(text.cells(index, header.delimiter)) > len(header.names)), ""
         )
         raise ConfigError(f"{name}{line}: does not have the {len(header.names)} cells of the header") from None
-    columns = {title: frame[index] for index, title in enumerate(header.names)}
-    return Table(name, header.names, columns, header.units, numbers, text.notes)
+    # Columns of one name are told apart by their places.
+    counts = Counter(header.names)
+    names = [f"{title} (column {at})" if counts[title] > 1 else title for at, title in enumerate(header.names, start=1)]
+    units = {new: header.units[old] for new, old in zip(names, header.names, strict=True) if old in header.units}
+    columns = {title: frame[index] for index, title in enumerate(names)}
+    for title, cells in columns.items():
+        if not pd.api.types.is_numeric_dtype(cells) and (seconds := seconds_of_texts(cells)) is not None:
+            columns[title], units[title] = pd.Series(seconds), "s"
+            text.notes.append(f"column '{title}' has dates or times of day: converted to seconds")
+    return Table(name, names, columns, units, numbers, text.notes)
 
 
 def _is_transposed(rows: list[list[str]]) -> bool:
@@ -280,14 +316,92 @@ def _find_delimiter(line: str) -> str:
     return best if counts[best] else "space" if len(line.split()) > 1 else ","
 
 
-def _header_index(text: _Text) -> int:
-    """Return the position among the kept lines of the first one that names a requested column; 0 for none."""
-    for index, line in enumerate(text.kept[:100]):
+def _header_index(text: _Text) -> int | None:
+    """Return the position among the kept lines of the first one that names a requested column; None for none."""
+    # A number is no name: it is the column's place in a file without header.
+    wanted = {PLACE.sub("", name) for name in text.request.columns if not _NUMBER.fullmatch(name)}
+    for index, line in enumerate(text.kept[:_MAX_PREAMBLE]):
         cells = text.cells(line)
         bare = {match.group(1) if (match := _UNIT.fullmatch(cell)) else cell for cell in cells}
-        if len(cells) > 1 and (bare | set(cells)) & set(text.request.columns):
+        if len(cells) > 1 and (bare | set(cells)) & wanted:
             return index
-    return 0
+    return None
+
+
+def _header_by_rows(text: _Text, delimiter: str) -> tuple[int, str]:
+    """Return the position of the header among the kept lines, and the delimiter, as the rows of numbers show them.
+
+    Without a header, the position is -1 less that of the first row. Lines in doubt are left as they are: the first one
+    is the header.
+    """
+    kept = text.kept
+    # A line in the middle is a row; cells that are text there are text in other rows as well.
+    middle = min(len(kept) // 2, 2 * _MAX_PREAMBLE)
+    mark = _delimiter_of(text, kept[middle])
+    near = [_trimmed(text.cells(index, mark)) for index in kept[max(middle - 5, 1) : middle + 6]]
+    if not near or not _count_numbers(near[len(near) // 2]):
+        return 0, delimiter
+    width = max(map(len, near))
+    words = {at for cells in near for at, cell in enumerate(cells) if _is_word(cell)}
+
+    def is_row(index: int) -> bool:
+        cells = _trimmed(text.cells(index, mark))
+        return (
+            _count_numbers(cells) > 0
+            and len(cells) <= width
+            and {at for at, cell in enumerate(cells) if _is_word(cell)} <= words
+        )
+
+    head = _trimmed(text.cells(kept[0], mark))
+    numbers = _count_numbers(head)
+    plain = numbers == 0 and 2 * sum(map(bool, head)) > len(head)
+    if plain and len(head) >= width >= 2:
+        return 0, mark
+    if width < 2 or _counts_up(head):
+        return 0, delimiter
+    first = next(
+        (at for at in range(min(len(kept), _MAX_PREAMBLE)) if all(is_row(index) for index in kept[at : at + 3])), None
+    )
+    if first is None:
+        return 0, delimiter
+    # The header is the fullest line of the block of lines above the rows, with a name for almost each column.
+    found, most = None, 0
+    for at in reversed(range(max(0, first - _MAX_HEAD), first)):
+        # An empty line may separate the rows from the header, and the header from what is above it.
+        if at + 1 < first and kept[at + 1] - kept[at] > 1:
+            break
+        cells = _trimmed(text.cells(kept[at], mark))
+        filled = sum(map(bool, cells))
+        if _count_numbers(cells) == 0 and not _is_unit_row(cells) and filled >= max(most, 2) and len(cells) <= width:
+            found, most = at, filled
+    if found is None or 2 * most < width:
+        return (-1 - first, mark) if numbers or first else (0, delimiter)
+    return found, mark
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    """Return cells without the empty ones at the end."""
+    count = max((at + 1 for at, cell in enumerate(cells) if cell), default=0)
+    return cells[:count]
+
+
+def _is_word(cell: str) -> bool:
+    return not _NUMBER.fullmatch(cell) and cell not in _MISSING
+
+
+def _count_numbers(cells: list[str]) -> int:
+    return sum(bool(_NUMBER.fullmatch(cell)) and any(char.isdigit() for char in cell) for cell in cells)
+
+
+def _counts_up(cells: list[str]) -> bool:
+    """Whether cells are 0, 1, 2 … or 1, 2, 3 …, as numbered columns are called."""
+    first = int(cells[0]) if cells and cells[0] in {"0", "1"} else None
+    return first is not None and len(cells) > 2 and cells == [str(first + at) for at in range(len(cells))]
+
+
+def _is_words(text: _Text, index: int, delimiter: str) -> bool:
+    cells = text.cells(index, delimiter)
+    return _count_numbers(cells) == 0 and any(map(_is_word, cells))
 
 
 def _commented_header(text: _Text) -> int | None:

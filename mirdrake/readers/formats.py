@@ -11,6 +11,7 @@ from mirdrake.core.files import read_errors
 from mirdrake.core.recording.parts import read_part, stored
 from mirdrake.readers.bags import read_bag
 from mirdrake.readers.csv_files import read_csv
+from mirdrake.readers.json_files import read_json_lines
 from mirdrake.readers.mat_files import read_mat
 from mirdrake.readers.npy_files import read_npy
 from mirdrake.readers.pickle_files import read_pickle
@@ -90,8 +91,12 @@ FORMATS: dict[str, Reader] = {
     ".csv": read_csv,
     ".txt": read_csv,
     ".tsv": read_csv,
+    ".log": read_csv,
     ".asc": read_csv,
     ".vbo": read_vbo,
+    ".jsonl": read_json_lines,
+    ".ndjson": read_json_lines,
+    ".json": read_json_lines,
     ".parquet": read_parquet,
     ".mat": read_mat,
     ".npy": read_npy,

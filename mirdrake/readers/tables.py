@@ -1,5 +1,6 @@
 """Tables of columns with units, and the request that a reader answers."""
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,9 @@ from pydantic import Field
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, display_path
+
+PLACE = re.compile(r" \(column \d+\)$")
+"""Remark after the name of a column of a text file whose name is not the only one."""
 
 
 class CsvLayout(Schema):
@@ -76,10 +80,14 @@ class Table:
         # Numbers as names mean that the first row was taken as header.
         if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
             raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
-        if column not in self.columns:
-            raise ConfigError(f"{place}: {self.name} has no column '{column}'; {did_you_mean(column, self.names)}")
         if self.names.count(column) > 1:
             raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
+        same = [name for name in self.names if PLACE.sub("", name) == column]
+        if column not in self.columns and same:
+            names = " or ".join(f"'{name}'" for name in same)
+            raise ConfigError(f"{place}: {self.name} has {len(same)} columns '{column}'; rename one, or use {names}")
+        if column not in self.columns:
+            raise ConfigError(f"{place}: {self.name} has no column '{column}'; {did_you_mean(column, self.names)}")
         values = pd.Series(np.asarray(self.columns[column]).ravel())
         numbers = as_numbers(values)
         # coerce turns texts into NaN; cells that were empty before are not faults.

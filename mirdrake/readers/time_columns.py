@@ -1,6 +1,10 @@
-"""Time columns that are not seconds since the start: steps from row to row, and times of day."""
+"""Time columns that are not seconds since the start: steps from row to row, dates, and times of day."""
+
+import re
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -13,6 +17,40 @@ MIN_ROWS = 20
 
 MAX_BACKWARD_SHARE = 0.01
 """Largest share of rows whose time may precede that of an earlier row; more is an error, or not a clock."""
+
+
+_CLOCK = r"\d{1,2}:\d\d:\d\d(\.\d+)?"
+_ISO = re.compile(rf"\d{{4}}-\d\d-\d\d[T ]{_CLOCK}(Z|[+-]\d\d:?\d\d)?")
+_NAMED_MONTH = re.compile(rf"\d{{1,2}}-[A-Za-z]{{3}}-\d{{4}} {_CLOCK}")
+_TIME_OF_DAY = re.compile(_CLOCK)
+_LEAST_DATES = 0.98
+"""Least share of the cells of a column of dates that are dates."""
+
+
+def seconds_of_texts(cells: "pd.Series[Any]") -> Array | None:
+    """Return the seconds of dates with times, or of times of day (n), NaN for other cells; None for another column.
+
+    Dates are those of ISO 8601, ``2026-03-01T12:00:00.5Z``, or with the name of the month, ``01-Mar-2026 12:00:00.5``;
+    their seconds are since 1970. Times of day continue over midnights.
+
+    Args:
+        cells: column of texts.
+    """
+    texts = cells.astype("string").str.strip()
+    known = texts[texts.notna()]
+    if not len(known):
+        return None
+    for form in (_ISO, _NAMED_MONTH, _TIME_OF_DAY):
+        if form.fullmatch(str(known.iloc[0])) is None or known.str.fullmatch(form).mean() < _LEAST_DATES:
+            continue
+        texts = texts.where(texts.str.fullmatch(form).fillna(False))
+        if form is _TIME_OF_DAY:
+            parts = texts.str.split(":", expand=True).astype("Float64").to_numpy(dtype=float, na_value=np.nan)
+            return seconds_of_day(parts @ [1e4, 1e2, 1.0])
+        dates = pd.to_datetime(texts, format="ISO8601" if form is _ISO else "mixed", utc=True, errors="coerce")
+        microseconds = (dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(microseconds=1)
+        return np.asarray(microseconds, dtype=float) * 1e-6
+    return None
 
 
 def has_step_durations(time: Array) -> bool:

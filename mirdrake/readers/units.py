@@ -19,7 +19,9 @@ QUANTITIES = ("s", "m", "m/s", "m/s^2", "rad", "rad/s", "N", "N m")
 
 _SPELLINGS = {
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "m s-2": "m/s^2", "m*s^-2": "m/s^2", "mps2": "m/s^2",
-    "meter/s^2": "m/s^2", "g0": "g", "m/sec": "m/s", "mps": "m/s", "m s-1": "m/s", "m*s^-1": "m/s", "meter/s": "m/s",
+    "meter/s^2": "m/s^2", "g0": "g", "m/sec": "m/s", "mps": "m/s", "meters/s": "m/s", "metres/s": "m/s",
+    "meters/second": "m/s", "metres/second": "m/s", "meters per second": "m/s",
+    "m s-1": "m/s", "m*s^-1": "m/s", "meter/s": "m/s",
     "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn", "fps": "ft/s", "ft/sec": "ft/s", "ft/s2": "ft/s^2",
     "m/sec^2": "m/s^2", "m/s^-2": "m/s^2", "radian/s": "rad/s", "radians/s": "rad/s", "radps": "rad/s",
     "kph": "km/h", "kmh": "km/h", "km/hr": "km/h", "kmph": "km/h", "mi/h": "mph",

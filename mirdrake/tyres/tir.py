@@ -3,9 +3,11 @@
 A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. Rows of a table or text
 follow a name in braces or round brackets, as ``{radial width}`` or ``(COMMENTS)``; they are ignored, and so are rows of
 numbers anywhere. Sections of the same name are merged. A name that the formulas use may be repeated with an equal value
-only. The units of the section [UNITS] hold for sizes, loads, stiffnesses and speeds, which are converted to SI;
-coefficients have no units. FITTYP selects the version of the formulas: 5 (MF 5.0, without a difference in the formulas
-used here), 6, 21 or 52 for 5.2; 61; 62. Without FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
+only. An entry without a value counts as left out if the formulas have a default for it; a line of words after a comment
+continues that comment. The units of the section [UNITS] hold for sizes, loads, stiffnesses and speeds, which are
+converted to SI; coefficients have no units. FITTYP selects the version of the formulas: 5 (MF 5.0, without a difference
+in the formulas used here), 6, 21 or 52 for 5.2; 61; 62. Without FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means
+5.2.
 
 Axes: PKY1 decides. It is negative in ISO-W axes (:mod:`mirdrake.tyres.magic_formula`), where a positive slip angle has
 a negative side force; a positive one means other axes and is rejected. The sign of PDY1 has no meaning: with
@@ -106,6 +108,7 @@ _NOT_NEGATIVE = (
 
 _HEADER = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
 _NUMBERS = re.compile(r"[-+\d.][-+\d.eEdD\s,]*$")
+_WORDS = re.compile(r"[^\W\d][^\d=\[\]{}()]*$")
 _ENTRY = re.compile(r"([A-Za-z_][\w.\-]*)\s*=\s*(.*)$")
 
 
@@ -164,8 +167,10 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     faults: list[str] = []
     sections, lines = _parse(text, name, faults)
     _raise_faults(faults)
-    scales = _scales(sections, lines, name, faults)
+    # Other tyre models have other sections and units: nothing else about them helps.
     version = _version(sections, name, faults)
+    _raise_faults(faults)
+    scales = _scales(sections, lines, name, faults)
     missing = [section for section in _SECTIONS if section not in sections]
     faults += [f"{name}:1: [{section}]: missing section; the Magic Formula needs it" for section in missing]
     # Values of known names in SI units; errors are collected.
@@ -181,6 +186,8 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
             unused.append(key)
             continue
         location = f"{name}:{entry.line}: [{section}] {key}"
+        if entry.value == "" and _FIELDS[known].default is not MISSING:
+            continue
         if isinstance(entry.value, str):
             faults.append(f"{location}: expected a finite number, got '{_short(entry.value)}'")
         elif known in seen:
@@ -215,10 +222,15 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
     """Return the entries by section, and the lines of the sections."""
     sections: dict[str, dict[str, Entry]] = {}
     lines: dict[str, int] = {}
-    section, table = "", False
+    section, table, remark = "", False, False
     # The grammar is loose: many tools write these files, so that only keys that are used are checked.
     for number, raw in enumerate(text.splitlines(), start=1):
-        line = _without_comment(raw).strip(_ENDS).strip()
+        bare = _without_comment(raw)
+        line = bare.strip(_ENDS).strip()
+        # A long comment may have been broken into lines.
+        if remark and _WORDS.match(line):
+            continue
+        remark = len(bare) < len(raw)
         if not line:
             continue
         location = f"{name}:{number}"
@@ -320,14 +332,16 @@ def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: lis
     model = sections.get("MODEL", {})
     # FITTYP is the reliable statement; the format of the file is only a hint.
     if entry := model.get("FITTYP"):
-        if isinstance(entry.value, float) and entry.value in _VERSIONS:
-            return _VERSIONS[entry.value]
+        number = entry.value if isinstance(entry.value, float) else _number(entry.value)
+        if number in _VERSIONS:
+            return _VERSIONS[number]
         given = entry.value if isinstance(entry.value, str) else f"{entry.value:g}"
         faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{given}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62")
     elif entry := model.get("PROPERTY_FILE_FORMAT"):
         if str(entry.value).upper() in _FORMATS:
             return "5.2"
-        message = f"unknown '{_short(str(entry.value))}' without FITTYP; {did_you_mean(entry.value, _FORMATS)}"
+        known = ", ".join(sorted(_FORMATS))
+        message = f"unknown '{_short(str(entry.value))}' without FITTYP; only the Magic Formula is read: {known}"
         faults.append(f"{name}:{entry.line}: [MODEL] PROPERTY_FILE_FORMAT: {message}")
     elif "MODEL" in sections:
         faults.append(f"{name}:1: [MODEL] FITTYP: missing; give 61, 62 or, for MF 5.2, 6")

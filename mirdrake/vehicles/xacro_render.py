@@ -332,7 +332,8 @@ class MissingArgumentsError(ModelError):
     def __init__(self, arguments: Mapping[str, Place]) -> None:
         self.arguments = {name: f"{file}:{line}" for name, (file, line) in arguments.items()}
         first = next(iter(self.arguments.values()))
-        names = ", ".join(f"{name} ({location})" for name, location in self.arguments.items())
+        # The place of the first argument is at the beginning.
+        names = ", ".join(name + (f" ({place})" if place != first else "") for name, place in self.arguments.items())
         options = " ".join(f"--argument {name}=VALUE" for name in self.arguments)
         super().__init__(f"{first}: xacro arguments without value: {names}; give them with {options}")
 

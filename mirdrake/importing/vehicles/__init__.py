@@ -28,6 +28,7 @@ from mirdrake.importing.vehicles.model import SourceModel, shorten_places
 from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
+from mirdrake.importing.vehicles.report import assumptions
 from mirdrake.importing.vehicles.write import write_car
 from mirdrake.vehicles.scaffold import check_name, vehicle_place
 from mirdrake.vehicles.spec import Drive
@@ -45,12 +46,14 @@ class ImportResult:
         vehicle: loaded from it.
         changes: everything that differs from the source.
         warnings: sentences for the user that come first.
+        assumptions: what was assumed and changes how the vehicle drives.
     """
 
     folder: Path
     vehicle: Vehicle
     changes: tuple[Change, ...]
     warnings: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,8 @@ def import_vehicle(
         if finish is not None:
             finish(building)
         stage.publish()
-    return ImportResult(target, load_vehicle(str(target)), tuple(dict.fromkeys(car.changes)), tuple(car.warnings))
+    changes, assumed = tuple(dict.fromkeys(car.changes)), tuple(assumptions(car))
+    return ImportResult(target, load_vehicle(str(target)), changes, tuple(car.warnings), assumed)
 
 
 def plan_import(

@@ -12,6 +12,8 @@ from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 
+UP = np.array([0.0, 0.0, 1.0])
+
 FREE = ("floating", "planar")
 """Joints that separate models: links below them are not part of the vehicle."""
 

@@ -11,14 +11,14 @@ from mirdrake.importing.vehicles.car import Number
 from mirdrake.importing.vehicles.model import Limits, Link, Surface
 from mirdrake.importing.vehicles.recognise import Roles, Wheel, turns_freely
 from mirdrake.importing.vehicles.stated import Stated, read_stated
-from mirdrake.vehicles.estimates import HOW, Estimates
+from mirdrake.vehicles.estimates import HOW, WHEEL_SPEED, Estimates
 from mirdrake.vehicles.spec import Drive
 
 Given = tuple[float | None, str]
 """A value of the source and its place; None where the source has none."""
 
 POWER_SHARE = 0.45
-"""Of the top speed up to which a powertrain has its full torque, as in :mod:`mirdrake.vehicles.estimates`."""
+"""Of the top speed up to which a powertrain with the torque of the source has it, as the Bolt."""
 
 STEERING_LIMIT = 0.6
 """Of the inner wheel [rad], where a source has none: Bolt, Escape and Polaris GEM have 0.6 to 0.61."""
@@ -192,12 +192,13 @@ def collect_numbers(
     ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
     if ratio is not None:
         numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
-    # A torque or a lower speed limit of the source limits the power, too: full torque up to a part of the top speed, as
-    # in the estimates.
-    top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
-    limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
-    power = numbers["max_torque"].value * top * POWER_SHARE if limited else estimates.max_power
-    numbers["max_power"] = Number(power, HOW["max_power"])
+    # A stated torque gives the power, a stated top speed changes it in proportion.
+    top = min(numbers["wheel_speed_limit"].value, WHEEL_SPEED)
+    power = Number(estimates.max_power * top / estimates.wheel_speed_limit, HOW["max_power"])
+    if numbers["max_torque"].source.startswith("imported"):
+        how = f"estimated: full torque up to {POWER_SHARE} of the top speed, as the Bolt"
+        power = Number(numbers["max_torque"].value * top * POWER_SHARE, how)
+    numbers["max_power"] = power
     for end, tyre in zip(("front", "rear"), tyres, strict=True):
         pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
         numbers[f"{end}_tyre_stiffness"] = _estimate(tyre, "tyre_stiffness")

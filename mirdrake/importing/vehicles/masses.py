@@ -26,6 +26,8 @@ WHEEL_DENSITY = (2.0, 20_000.0)
 UNION_SHARE = 0.25
 """Of a wheel's mass that becomes the knuckle of a joint that steers and spins at once (Bolt 10 of 30 kg)."""
 
+NO_MASS = "a moving link needs a mass"
+
 HEAVY = 1.8
 """Density over that of cars from which pounds are suspected behind a number of kilograms."""
 
@@ -62,7 +64,7 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
         mass = DENSITY * float(np.prod(edges))
         body.mass = Mass(mass, 0.5 * (bounds[0] + bounds[1]), box_inertia(mass, edges))
         became = f"{mass:.4g} kg: {DENSITY:g} kg/m³ of the box around it"
-        changes.add(Code.MASS, where, f"link '{body.name}': mass", "none", became, "a moving link needs a mass")
+        changes.add(Code.MASS, where, f"link '{body.name}': mass", "none", became, NO_MASS)
     for end, radius, width in zip(("front", "rear"), layout.radii, layout.widths, strict=True):
         pair = (wheels[f"{end}_left"], wheels[f"{end}_right"])
         if max(part.mass.mass for part in pair) <= 0.0:

@@ -17,7 +17,7 @@ from mirdrake.core.wording import plural
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.driven import find_drive
-from mirdrake.importing.vehicles.kinematics import Tree, frame_about, make_tree, source_name
+from mirdrake.importing.vehicles.kinematics import UP, Tree, frame_about, make_tree, source_name
 from mirdrake.importing.vehicles.model import Joint, Limits, SourceModel
 from mirdrake.importing.vehicles.round_shapes import Round, bounds_in, find_rounds
 from mirdrake.importing.vehicles.unusable import unusable_steering, unusable_wheels
@@ -32,8 +32,8 @@ UPRIGHT = 0.8
 LOW = 0.3
 """Height difference of wheels on one road over the radius."""
 
-UP = np.array([0.0, 0.0, 1.0])
 WORLD_LIMIT = 1e15  # SDF writes "no limit" as ±1e16
+BOTH_STEERED = "both axles are steered; the front is that towards +x, for the other see steering.rear in vehicle.yaml"
 
 
 @dataclass(frozen=True)
@@ -228,11 +228,16 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     """Return the kind of vehicle with these wheels, for a message."""
     swivels = [wheel for wheel in wheels if _is_caster(tree, wheel)]
     driven = [wheel for wheel in wheels if wheel not in swivels]
-    casters = len(swivels) + _count_skids(tree, wheels)
+    # A link that touches the road and is steered within limits is a front wheel without a joint to turn on.
+    feet = _feet(tree, wheels)
+    stiff = [
+        link for link in feet if any(_is_upright(tree, j) and not turns_freely(j, j.limits) for j in tree.path(link))
+    ]
+    casters = len(swivels) + len(feet) - len(stiff)
     steered = [wheel for wheel in wheels if wheel.steering]
     number = len(wheels)
     # Order matters: a differential drive may have as many wheels as a tricycle.
-    if len(driven) == 2 and (casters or (number == 2 and len(axles) == 1)):
+    if len(driven) == 2 and not stiff and (casters or (number == 2 and len(axles) == 1)):
         count = f" and {plural(casters, 'caster')}" if casters else " on one axle"
         return f"2 driven wheels{count} (differential drive): {_names(driven)}"
     if number == 2 and len(axles) == 2:
@@ -281,8 +286,7 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> t
     rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
     for wheel in rear:
         joint = _own(wheel, rear)[-1]
-        why = "both axles are steered; mirdrake steers the front axle, here that towards +x"
-        changes.add(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why)
+        changes.add(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", BOTH_STEERED)
     return front, rear
 
 
@@ -307,18 +311,19 @@ def _is_caster(tree: Tree, wheel: Wheel) -> bool:
     return False
 
 
-def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
+def _feet(tree: Tree, wheels: Sequence[Wheel]) -> list[str]:
     """Return links without a wheel that touch the road: balls and skids in place of casters."""
     turning = {name for wheel in wheels for name in tree.rigid_with(wheel.joint.child, ())}
     low = min(wheel.bottom for wheel in wheels)
     near = LOW * min(wheel.shape.radius for wheel in wheels)
-    count = 0
+    feet = []
     for name, X_ML in tree.poses.items():
         link = tree.model.links[name]
         if name not in turning:
             boxes = [bounds_in(shape, X_ML) for shape in link.collisions if shape.kind != "box"]
-            count += any(box is not None and box[0][2] - low < near for box in boxes)
-    return count
+            if any(box is not None and box[0][2] - low < near for box in boxes):
+                feet.append(name)
+    return feet
 
 
 # --- words -------------------------------------------------------------------------------------------------------
@@ -328,7 +333,7 @@ def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
     """Return the error for a model that is not a car: what was found, unusable joints, mistakes in the files."""
     names, used = [wheel.joint.name for wheel in wheels], [joint.name for wheel in wheels for joint in wheel.steering]
     faults = unusable_wheels(tree, names, level=LEVEL) if len(wheels) != 4 else ""
-    steering = unusable_steering(tree, names, used, upright=UPRIGHT)
+    steering = unusable_steering(tree, names, used, upright=UPRIGHT, level=LEVEL)
     faults += steering
     if steering:
         summary = summary.replace("no steering joint", "no usable steering joint")

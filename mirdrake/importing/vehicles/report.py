@@ -7,7 +7,10 @@ import numpy as np
 from mirdrake.importing.changes import TABLE_HEAD, Code, rows_by_file, table_cell
 from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
+from mirdrake.importing.vehicles.limits import STEERING_LIMIT
+from mirdrake.importing.vehicles.masses import NO_MASS
 from mirdrake.importing.vehicles.model import SourceModel
+from mirdrake.importing.vehicles.recognise import BOTH_STEERED
 from mirdrake.vehicles.estimates import HOW, LABELS
 
 Row = tuple[str, str, str, str]
@@ -46,7 +49,12 @@ def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, obje
         "change_head": "\n".join(TABLE_HEAD),
         "changes": [(file, [row.text for row in rows]) for file, rows in rows_by_file(car.changes)],
         "check_title": "## Please check by hand",
-        "to_check": list(_to_check(car)),
+        "to_check": [
+            *car.warnings,
+            "Geometry: `mirdrake view` shows visuals, collision shapes and frames.",
+            *assumptions(car),
+            *_estimates(car),
+        ],
     }
 
 
@@ -78,22 +86,29 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     return [(title, [tuple(map(table_cell, row)) for row in rows]) for title, rows in tables]  # type: ignore[misc]
 
 
-def _to_check(car: Car) -> Iterable[str]:
-    """Yield what the user should check."""
-    # Warnings first, then what every import needs, then what this one assumed.
-    yield from car.warnings
+def assumptions(car: Car) -> Iterable[str]:
+    """Yield what was assumed and changes how the vehicle drives, for README.md and the terminal."""
     codes = {change.code for change in car.changes}
-    yield "Geometry: `mirdrake view` shows visuals, collision shapes and frames."
     if not car.drive_source:
         yield "Driven axle: not stated in the source, rear is assumed; `drive` in vehicle.yaml."
     if Code.DIRECTION in codes:
         yield "Direction of travel: the steered axle is assumed to be the front."
+    if car.numbers["steering_limit"].source.startswith("estimated"):
+        yield f"Steering limit: none in the source that can be used, ±{STEERING_LIMIT:g} rad is assumed."
+    if any(change.reason == BOTH_STEERED for change in car.changes):
+        yield "Rear axle: steered in the source, fixed here; `steering.rear` in vehicle.yaml steers it."
+    body = [change for change in car.changes if change.part == f"link '{car.body.name}': mass"]
+    if any(change.reason == NO_MASS for change in body):
+        yield f"Mass of the body: {body[0].old} in the source, {car.body.mass.mass:.4g} kg is estimated."
     if codes & {Code.MASS, Code.INERTIA}:
-        yield "Masses, inertias and centre of mass: some were replaced, see below."
+        yield "Masses, inertias and centre of mass: some were replaced; see the table of changes."
     if car.springs is not None:
         yield "Ride height: at rest the springs are at their zero position; `suspension` in vehicle.yaml."
     if Code.SUSPENSION_FIXED in codes:
         yield "Ride height: the suspension is fixed at its zero position."
+
+
+def _estimates(car: Car) -> Iterable[str]:
     estimated = sum(number.source.startswith("estimated") for number in car.numbers.values())
     count = f"{estimated} of {len(car.numbers)} limits and contact numbers, and all gains"
     yield f"{count}, are estimates; replace those that you know."

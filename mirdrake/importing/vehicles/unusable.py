@@ -2,10 +2,12 @@
 
 import re
 from collections.abc import Sequence
-from math import acos, degrees
+from math import acos, degrees, hypot
 
-from mirdrake.importing.vehicles.kinematics import Tree
+from mirdrake.importing.shape import Vector
+from mirdrake.importing.vehicles.kinematics import UP, Tree, frame_about
 from mirdrake.importing.vehicles.model import Joint
+from mirdrake.importing.vehicles.round_shapes import find_rounds
 
 _STEERING = re.compile("steer|king_?pin|knuckle", re.IGNORECASE)
 _WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
@@ -13,7 +15,7 @@ _TURNING = ("revolute", "continuous", "universal", "revolute2")
 MOST_NAMES = 6
 
 
-def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *, upright: float) -> str:
+def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *, upright: float, level: float) -> str:
     """Return a clause with the joints meant to steer and their faults; "" if there are none.
 
     Args:
@@ -21,6 +23,7 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
         wheels: names of the wheel joints that were found.
         used: names of joints that steer a wheel.
         upright: smallest cosine between a steering axis and the vertical.
+        level: largest sine of a wheel axis over the horizontal.
     """
     # Upright joints without a steering name count only if a wheel is below: others may turn a lidar.
     carrying = {joint.name for name in wheels for joint in tree.path(tree.model.joints[name].child)} - set(wheels)
@@ -32,7 +35,9 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
             continue
         if not meant and joint.name not in carrying:
             continue  # a turning lidar, an arm
-        words.append(f"'{joint.name}' {_steering_fault(tree, joint, carrying, upright)}")
+        if _turns_round(tree, joint, level):
+            continue  # a wheel with another name, see below
+        words.append(f"'{joint.name}' {_steering_fault(tree, joint, wheels, carrying, upright)}")
     return _clause("cannot be used as steering", words)
 
 
@@ -49,6 +54,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
     words = []
     for joint in tree.model.joints.values():
         meant = joint.name in named or (_WHEEL.search(joint.name) and not _STEERING.search(joint.name))
+        meant = meant or _turns_round(tree, joint, level)
         if not meant or joint.name in wheels:
             continue
         axis = tree.axis(joint) if joint.parent in tree.poses else None
@@ -66,7 +72,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
     return _clause("cannot be used as wheels", words)
 
 
-def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float) -> str:
+def _steering_fault(tree: Tree, joint: Joint, wheels: Sequence[str], carrying: set[str], upright: float) -> str:
     # The first fault on the way from the vehicle to a steered wheel.
     axis = tree.axis(joint) if joint.parent in tree.poses else None
     # The first fault that applies is reported: later checks assume that the earlier ones passed.
@@ -80,7 +86,9 @@ def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float
         inclination, largest = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
         return f"has an axis {inclination:.0f} degrees off the vertical (at most {largest:.0f})"
     if joint.name not in carrying:
-        return "carries no wheel"
+        lateral = tree.axis(tree.model.joints[wheels[0]]) if wheels else None
+        stiff = next((name for name in tree.rigid_with(joint.child, ()) if _is_round(tree, name, lateral)), "")
+        return f"carries '{stiff}', which is round but has no joint to turn on" if stiff else "carries no wheel"
     # Limits that are equal are how files fix a joint without changing its type.
     if joint.limits.lower == joint.limits.upper and joint.limits.lower is not None:
         return f"has no range ({joint.limits.lower:.4g} to {joint.limits.upper:.4g} rad)"
@@ -90,6 +98,20 @@ def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float
 def _turns_upright(tree: Tree, joint: Joint, upright: float) -> bool:
     axis = tree.axis(joint) if joint.kind in _TURNING and joint.parent in tree.poses else None
     return axis is not None and abs(axis[2]) >= upright
+
+
+def _turns_round(tree: Tree, joint: Joint, level: float) -> bool:
+    """Return whether a joint turns a round link about a level axis, within whatever limits."""
+    axis = tree.axis(joint) if joint.kind in _TURNING and joint.parent in tree.poses else None
+    return axis is not None and abs(axis[2]) <= level and _is_round(tree, joint.child, axis)
+
+
+def _is_round(tree: Tree, link: str, axis: Vector | None) -> bool:
+    """Return whether a link has a shape that is round about a level axis through its origin."""
+    if axis is None or link not in tree.poses or abs(axis @ UP) > 0.99:
+        return False
+    rounds = find_rounds(tree, [link], frame_about(tree.poses[link].translation(), y=axis, up=UP))
+    return any(float(hypot(item.centre[0], item.centre[2])) < 0.2 * item.radius for item in rounds)
 
 
 def _named_by_plugins(tree: Tree, word: str) -> set[str]:
