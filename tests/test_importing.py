@@ -227,6 +227,7 @@ def test_assumptions_name_an_estimated_mass_and_steering_limit_with_the_value_of
     said = " ".join(assumptions(repaired(model)))
     assert re.search(r"Mass of the body: 0\.02 kg in the source, [\d.]+ kg is estimated", said)
     assert "±0.6 rad is assumed" in said
+    assert "Top speed: not in the source, 11.2 m/s is assumed" in said
     assert "estimated" not in " ".join(assumptions(repaired(car())))
 
 

@@ -95,6 +95,10 @@ def assumptions(car: Car) -> Iterable[str]:
         yield "Direction of travel: the steered axle is assumed to be the front."
     if car.numbers["steering_limit"].source.startswith("estimated"):
         yield f"Steering limit: none in the source that can be used, ±{STEERING_LIMIT:g} rad is assumed."
+    speed = car.numbers["wheel_speed_limit"]
+    if speed.source.startswith("estimated"):
+        top = speed.value * car.layout.radii[1]
+        yield f"Top speed: not in the source, {top:.3g} m/s is assumed for a vehicle of this mass."
     if any(change.reason == BOTH_STEERED for change in car.changes):
         yield "Rear axle: steered in the source, fixed here; `steering.rear` in vehicle.yaml steers it."
     body = [change for change in car.changes if change.part == f"link '{car.body.name}': mass"]

@@ -10,7 +10,7 @@ from mirdrake.importing.vehicles.model import Joint
 from mirdrake.importing.vehicles.round_shapes import find_rounds
 
 _STEERING = re.compile("steer|king_?pin|knuckle", re.IGNORECASE)
-_WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
+_WHEEL = re.compile("(?<!fifth)(?<!fifth_)wheel|tire|tyre", re.IGNORECASE)  # a fifth wheel is a coupling
 _TURNING = ("revolute", "continuous", "universal", "revolute2")
 MOST_NAMES = 6
 
@@ -33,11 +33,12 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
         meant = _STEERING.search(f"{joint.name} {joint.child}") or joint.name in named
         if joint.name in (*wheels, *used) or not (meant or _turns_upright(tree, joint, upright)):
             continue
-        if not meant and joint.name not in carrying:
+        stiff = _stiff_wheel(tree, joint, wheels) if joint.name not in carrying else ""
+        if not meant and joint.name not in carrying and not stiff:
             continue  # a turning lidar, an arm
         if _turns_round(tree, joint, level):
             continue  # a wheel with another name, see below
-        words.append(f"'{joint.name}' {_steering_fault(tree, joint, wheels, carrying, upright)}")
+        words.append(f"'{joint.name}' {_steering_fault(tree, joint, stiff, carrying, upright)}")
     return _clause("cannot be used as steering", words)
 
 
@@ -72,7 +73,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
     return _clause("cannot be used as wheels", words)
 
 
-def _steering_fault(tree: Tree, joint: Joint, wheels: Sequence[str], carrying: set[str], upright: float) -> str:
+def _steering_fault(tree: Tree, joint: Joint, stiff: str, carrying: set[str], upright: float) -> str:
     # The first fault on the way from the vehicle to a steered wheel.
     axis = tree.axis(joint) if joint.parent in tree.poses else None
     # The first fault that applies is reported: later checks assume that the earlier ones passed.
@@ -86,8 +87,6 @@ def _steering_fault(tree: Tree, joint: Joint, wheels: Sequence[str], carrying: s
         inclination, largest = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
         return f"has an axis {inclination:.0f} degrees off the vertical (at most {largest:.0f})"
     if joint.name not in carrying:
-        lateral = tree.axis(tree.model.joints[wheels[0]]) if wheels else None
-        stiff = next((name for name in tree.rigid_with(joint.child, ()) if _is_round(tree, name, lateral)), "")
         return f"carries '{stiff}', which is round but has no joint to turn on" if stiff else "carries no wheel"
     # Limits that are equal are how files fix a joint without changing its type.
     if joint.limits.lower == joint.limits.upper and joint.limits.lower is not None:
@@ -98,6 +97,14 @@ def _steering_fault(tree: Tree, joint: Joint, wheels: Sequence[str], carrying: s
 def _turns_upright(tree: Tree, joint: Joint, upright: float) -> bool:
     axis = tree.axis(joint) if joint.kind in _TURNING and joint.parent in tree.poses else None
     return axis is not None and abs(axis[2]) >= upright
+
+
+def _stiff_wheel(tree: Tree, joint: Joint, wheels: Sequence[str]) -> str:
+    """Return the link on a joint with limits that is round about the axis of the wheels, without turning on it."""
+    if not wheels or joint.child not in tree.poses or joint.kind == "continuous" or joint.limits.upper is None:
+        return ""
+    lateral = tree.axis(tree.model.joints[wheels[0]])
+    return next((name for name in tree.rigid_with(joint.child, ()) if _is_round(tree, name, lateral)), "")
 
 
 def _turns_round(tree: Tree, joint: Joint, level: float) -> bool:
