@@ -154,7 +154,7 @@ def ground_heights(
     end: int,
     heights: npt.NDArray[np.float64],
 ) -> None:
-    """Compute the heights of :func:`ground_at` along a line, bit-equal, in a third of the time for splines.
+    """Compute the heights of :func:`ground_at` along a line, up to rounding, in a fifth of the time for splines.
 
     Args:
         terrain: the ground.
@@ -269,48 +269,57 @@ def _add_spline(
 ) -> None:
     """Add the heights of a smooth grid along a line; arguments as in :func:`ground_heights`."""
     # Variables instead of fields: the loop writes to memory, so that LLVM would read the fields in each round.
-    x0, y0, cosine, sine, cell = layer.x, layer.y, layer.cosine, layer.sine, layer.cell
     first, rows, columns, periodic = layer.first, layer.rows, layer.columns, layer.periodic
-    i_start, j_start = 0, 0
+    dx, dy = x - layer.x, y - layer.y
+    u, v = (layer.cosine * dx + layer.sine * dy) / layer.cell, (layer.cosine * dy - layer.sine * dx) / layer.cell
+    du, dv = (layer.cosine * ex + layer.sine * ey) / layer.cell, (layer.cosine * ey - layer.sine * ex) / layer.cell
     if periodic != 0:
         # The periods at the start of the line, so that its other points need no modulo.
-        dx, dy = x - x0, y - y0
-        i_start = floor((cosine * dx + sine * dy) / cell / columns) * columns
-        j_start = floor((cosine * dy - sine * dx) / cell / rows) * rows
+        u -= floor(u / columns) * columns
+        v -= floor(v / rows) * rows
+    # Powers of q for each power of p in the cell of the last point; neighbouring points mostly share it.
+    i_last, j_last = -(1 << 60), 0
+    c0, c1, c2, c3 = _NO_POWERS, _NO_POWERS, _NO_POWERS, _NO_POWERS
     for k in range(begin, end):
-        dx, dy = x + places[k] * ex - x0, y + places[k] * ey - y0
-        column, row = (cosine * dx + sine * dy) / cell, (cosine * dy - sine * dx) / cell
+        column, row = u + places[k] * du, v + places[k] * dv
         if periodic == 0:
             column, row = min(max(column, 0.0), columns - 1.0), min(max(row, 0.0), rows - 1.0)
         i, j = floor(column), floor(row)
-        a0, a1, a2, a3, _, _, _, _ = _spline_weights(column - i)
-        b0, b1, b2, b3, _, _, _, _ = _spline_weights(row - j)
-        i0, i1, i2, i3 = _around(i - i_start, columns, periodic)
-        j0, j1, j2, j3 = _around(j - j_start, rows, periodic)
-        z = b0 * _four(coefficients, first + j0 * columns, i0, i1, i2, i3, a0, a1, a2, a3)
-        z += b1 * _four(coefficients, first + j1 * columns, i0, i1, i2, i3, a0, a1, a2, a3)
-        z += b2 * _four(coefficients, first + j2 * columns, i0, i1, i2, i3, a0, a1, a2, a3)
-        z += b3 * _four(coefficients, first + j3 * columns, i0, i1, i2, i3, a0, a1, a2, a3)
-        heights[k] += z
+        if i != i_last or j != j_last:
+            i_last, j_last = i, j
+            at = _around(i, columns, periodic)
+            j0, j1, j2, j3 = _around(j, rows, periodic)
+            r0 = _row_powers(coefficients, first + j0 * columns, at)
+            r1 = _row_powers(coefficients, first + j1 * columns, at)
+            r2 = _row_powers(coefficients, first + j2 * columns, at)
+            r3 = _row_powers(coefficients, first + j3 * columns, at)
+            c0, c1 = _powers(r0[0], r1[0], r2[0], r3[0]), _powers(r0[1], r1[1], r2[1], r3[1])
+            c2, c3 = _powers(r0[2], r1[2], r2[2], r3[2]), _powers(r0[3], r1[3], r2[3], r3[3])
+        p, q = column - i, row - j
+        z = c2[0] + q * (c2[1] + q * (c2[2] + q * c2[3])) + p * (c3[0] + q * (c3[1] + q * (c3[2] + q * c3[3])))
+        z = c1[0] + q * (c1[1] + q * (c1[2] + q * c1[3])) + p * z
+        heights[k] += c0[0] + q * (c0[1] + q * (c0[2] + q * c0[3])) + p * z
 
 
-def _four(
-    numbers: npt.NDArray[np.float32],
-    start: int,
-    i0: int,
-    i1: int,
-    i2: int,
-    i3: int,
-    a0: float,
-    a1: float,
-    a2: float,
-    a3: float,
-) -> float:
-    """Return the sum of four numbers behind `start` with weights."""
-    total: float = (
-        a0 * numbers[start + i0] + a1 * numbers[start + i1] + a2 * numbers[start + i2] + a3 * numbers[start + i3]
+_Powers = tuple[float, float, float, float]
+_NO_POWERS: _Powers = (0.0, 0.0, 0.0, 0.0)
+
+
+def _row_powers(numbers: npt.NDArray[np.float32], start: int, at: tuple[int, int, int, int]) -> _Powers:
+    """Return the cubic of a row of spline coefficients, of which those at four indices count."""
+    i0, i1, i2, i3 = at
+    # In double precision also for coefficients of single precision.
+    return _powers(
+        np.float64(numbers[start + i0]),
+        np.float64(numbers[start + i1]),
+        np.float64(numbers[start + i2]),
+        np.float64(numbers[start + i3]),
     )
-    return total
+
+
+def _powers(a: float, b: float, c: float, d: float) -> _Powers:
+    """Return the cubic of four coefficients of a uniform B-spline, in powers of the coordinate in the cell."""
+    return (a + 4.0 * b + c) / 6.0, 0.5 * (c - a), 0.5 * (a + c) - b, (d - a + 3.0 * (b - c)) / 6.0
 
 
 def _around(index: int, count: int, periodic: int) -> tuple[int, int, int, int]:
@@ -551,7 +560,8 @@ GROUND_PARTS = (
     _bilinear,
     _spline,
     _add_spline,
-    _four,
+    _row_powers,
+    _powers,
     _around,
     _reflected,
     _spline_weights,
