@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +28,14 @@ def _drive(tmp_path, *arguments):
 def _figures(results, name):
     manoeuvre = next(entry for entry in results["manoeuvres"] if entry["name"] == name)
     return {key: entry["value"] for key, entry in manoeuvre["metrics"].items()}
+
+
+def test_a_limit_of_the_set_point_is_the_top_speed():
+    car = load_vehicle("unior@handling")
+    speed = car.control.speed.model_copy(update={"max_speed": 1.5})
+    limited = replace(car, control=car.control.model_copy(update={"speed": speed}))
+    assert find_facts(limited).top_speed == 1.5
+    assert find_facts(car).top_speed > 20.0
 
 
 def test_the_single_track_model_has_the_understeer_of_its_own_parameters(tmp_path, capsys):

@@ -45,7 +45,7 @@ class Facts:
         tyres: kind of the tyres.
         has_slip: whether tyre forces follow from slip.
         pedals: whether it is driven through pedals.
-        top_speed: top speed on the flat, by power or governor [m/s].
+        top_speed: top speed on the flat, by power, governor or limit of the set-point [m/s].
         scale: scale of lengths for its size [1]; 1 for cars.
         with_roll: parameters of its single-track model with roll; `parameters` if it has no suspension.
         model_tyres: tyre law of its single-track model.
@@ -176,9 +176,12 @@ def find_facts(vehicle: Vehicle) -> Facts:
 
 
 def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: float) -> float:
-    """Return the speed [m/s] at which rolling resistance and drag need all of the power, or the governor acts."""
+    """Return the speed [m/s] at which rolling resistance and drag need all of the power, or a limit of speed acts.
+
+    A limit is that of the governor or that of the set-point.
+    """
     power = vehicle.spec.powertrain.max_power
-    governed = getattr(vehicle.spec.powertrain, "governed_speed", None)
+    limits = (getattr(vehicle.spec.powertrain, "governed_speed", None), vehicle.control.speed.max_speed)
     rolling = parameters.rolling_resistance * parameters.mass * GRAVITY
     force = vehicle.spec.powertrain.max_torque / radius
     # Bisection on the largest speed at which the driving force, limited by torque or power, exceeds the resistance.
@@ -187,4 +190,4 @@ def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: floa
         middle = 0.5 * (low + high)
         needed = rolling + parameters.drag * middle**2
         low, high = (middle, high) if needed <= min(force, power / middle) else (low, middle)
-    return min(low, governed) if governed else low
+    return min((low, *filter(None, limits)))
