@@ -174,9 +174,11 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         wheel_torque: as that of :class:`TyreSystem`.
         actuation: the same, in a discrete plant.
     Output ports:
-        solution: generalised forces; memory of the wheels; in a continuous plant memory of the joints; quantities of
-            :data:`FORCES` of each wheel; torques of the rolling resistance; loads; in a continuous plant torques of the
-            actuators.
+        solution: in a discrete plant generalised forces, then those of `held`.
+        force: in a continuous plant, generalised forces.
+        net_actuation: the same, torques of the actuators.
+        held: the same, memory of the wheels and of the joints, then quantities of :data:`FORCES` of each wheel, torques
+            of the rolling resistance, and loads.
 
     Args:
         plant: finalised plant, its wheels' spin axes along y of their bodies.
@@ -205,21 +207,23 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
         of_joints = len(joints) * len(JointMemory._fields)
         rear = len(REAR_STEERING) if part.vehicle.spec.steering.rear is not None else 0
         self.given_sizes = [plant.num_multibody_states(), rear, count]
-        self.solution_sizes = [plant.num_velocities(), memory, count * len(FORCES), count, count]
+        self.held_sizes = [memory, count * len(FORCES), count, count]
         if solves_joints(plant):
             self.given_sizes.append(memory)
             self._given, _, _, self._friction, wheels_before = _views(self.given_sizes)
             self._efforts, self._desired = np.zeros(motors), np.zeros(2 * motors)
-            self._solution, force, after, logged, resistances, loads = _views(self.solution_sizes)
+            self._solution, force, after, logged, resistances, loads = _views(
+                [plant.num_velocities(), *self.held_sizes]
+            )
             actuation, joints_before, joints_after = (np.zeros(0) for _ in range(3))
         else:
             self.given_sizes += [motors, 2 * motors]
-            self.solution_sizes[2:2] = [of_joints]
-            self.solution_sizes.append(motors)
+            self.held_sizes[1:1] = [of_joints]
             self._given, _, _, self._friction, self._efforts, self._desired = _views(self.given_sizes)
-            self._solution, force, after, joints_after, logged, resistances, loads, actuation = _views(
-                self.solution_sizes
-            )
+            held = [sum(self.held_sizes[:2]), sum(self.held_sizes[2:])]
+            self._solution, force, actuation, self._kept, _ = _views([plant.num_velocities(), motors, *held])
+            self._parts = np.split(self._solution, np.cumsum([len(force), motors]))
+            after, joints_after, logged, resistances, loads = np.split(self._parts[2], np.cumsum(self.held_sizes)[:-1])
             self._before, wheels_before, joints_before = _views([memory, of_joints])
             self._joints, self._positions, self._period = joints, plant.num_positions(), part.period
         x = self._given[: plant.num_multibody_states() + rear]
@@ -241,11 +245,10 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self.solution = self.DeclareVectorOutputPort("solution", len(self._solution), self._calc)
         else:
             self.actuation = None
-            state = self.DeclareDiscreteState(len(self._solution))
-            self.solution = self.DeclareStateOutputPort("solution", state)
-            # Memory of wheels and joints in the solution.
-            first = plant.num_velocities()
-            self._kept = slice(first, first + memory + of_joints)
+            self.force, self.net_actuation, self.held = (
+                self.DeclareStateOutputPort(name, self.DeclareDiscreteState(len(part)))
+                for name, part in zip(("force", "net_actuation", "held"), self._parts, strict=True)
+            )
             self.DeclareInitializationDiscreteUpdateEvent(self._start)
             self.DeclarePeriodicDiscreteUpdateEvent(part.period, 0.0, self._update)
 
@@ -267,14 +270,19 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._desired[joint["actuator"]] = x[joint["position"]] + self._period * v
             self._desired[len(self._efforts) + joint["actuator"]] = v
         self._solve(context)
-        self._solution[self._kept] = 0.0
-        state.set_value(0, self._solution)
+        self._kept[:] = 0.0
+        self._write(state)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        self._before[:] = context.get_discrete_state(0).value()[self._kept]
+        # The new state begins as a copy of the present one.
+        self._before[:] = state.get_mutable_value(2)[: len(self._before)]
         self._given[:] = self.given.Eval(context)
         self._solve(context)
-        state.set_value(0, self._solution)
+        self._write(state)
+
+    def _write(self, state: DiscreteValues) -> None:
+        for index, part in enumerate(self._parts):
+            state.get_mutable_value(index)[:] = part
 
     def _solve(self, context: Context) -> None:
         """Compute the forces of a step, its memory and its logged quantities."""
@@ -366,17 +374,19 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
         steered = int(sizes[1] > 0)
         builder.Connect(road.get_output_port(), given.get_input_port(1 + steered))
         builder.Connect(given.get_output_port(), equations.given)
-        force, *held = equations.solution_sizes
-        split = builder.AddNamedSystem("split", Demultiplexer([force, sum(held)]))
-        last = builder.AddNamedSystem("last", Demultiplexer(held))
-        builder.Connect(equations.solution, split.get_input_port())
+        last = builder.AddNamedSystem("last", Demultiplexer(equations.held_sizes))
         if solves_joints(plant):
-            memory = builder.AddNamedSystem("memory", ZeroOrderHold(part.period, sum(held)))
+            held = sum(equations.held_sizes)
+            split = builder.AddNamedSystem("split", Demultiplexer([plant.num_velocities(), held]))
+            builder.Connect(equations.solution, split.get_input_port())
+            memory = builder.AddNamedSystem("memory", ZeroOrderHold(part.period, held))
             builder.Connect(split.get_output_port(1), memory.get_input_port())
             builder.Connect(memory.get_output_port(), last.get_input_port())
             builder.Connect(last.get_output_port(0), given.get_input_port(given.num_input_ports() - 1))
+            force = split.get_output_port(0)
         else:
-            builder.Connect(split.get_output_port(1), last.get_input_port())
+            force = equations.force
+            builder.Connect(equations.held, last.get_input_port())
         builder.ExportInput(given.get_input_port(0), "plant_state")
         builder.ExportInput(equations.wheel_torque, "wheel_torque")
         count = given.num_input_ports()
@@ -385,14 +395,13 @@ class TyreSystem(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-
             builder.ExportInput(given.get_input_port(1), "rear_steering")
         if equations.actuation is None:
             builder.ExportInput(given.get_input_port(count - 1), "desired_state")
-        builder.ExportOutput(split.get_output_port(0), "generalized_force")
+        builder.ExportOutput(force, "generalized_force")
         names = ["tyre_forces", "resistance", "wheel_load"]
-        if equations.actuation is None:
-            names.append("net_actuation")
         # Behind the memory.
-        first = last.num_output_ports() - len(names)
-        for index, name in enumerate(names, start=first):
+        for index, name in enumerate(names, start=last.num_output_ports() - len(names)):
             builder.ExportOutput(last.get_output_port(index), name)
+        if equations.actuation is None:
+            builder.ExportOutput(equations.net_actuation, "net_actuation")
         builder.BuildInto(self)
 
         # BuildInto replaces the contents of the Diagram, so ports can be kept only afterwards.
