@@ -338,6 +338,7 @@ def test_the_vehicle_of_a_run_gives_wheelbase_mass_and_centre_of_mass(tmp_path, 
     assert spec.wheelbase == pytest.approx(load_vehicle("bolt").geometry.wheelbase, rel=1e-5)
     assert spec.mass == pytest.approx(parameters.mass, rel=1e-5)
     assert spec.front_length == pytest.approx(parameters.front_length, rel=1e-5)
+    assert (spec.front_drive, spec.front_brake) == (1.0, pytest.approx(parameters.front_brake))
     # With --out, a summary replaces the text of the file.
     assert main(["identify", "new", str(run), "--out", str(tmp_path / "named.yaml")]) == 0
     shown = capsys.readouterr().out
@@ -351,14 +352,16 @@ def test_the_vehicle_of_a_run_gives_wheelbase_mass_and_centre_of_mass(tmp_path, 
     assert load_yaml(tmp_path / "drive.yaml", DataSpec).wheelbase is None
 
 
-def test_a_mass_in_the_data_file_is_fixed_in_a_fit_without_a_study(tmp_path):
+def test_what_the_data_file_knows_of_the_vehicle_is_fixed_in_a_fit_without_a_study(tmp_path):
     t, c = truth()
     names = ("vx", "yaw_rate", "road_wheel_angle")
     write_table(tmp_path / "log.csv", [t, *(c[name] for name in names)], "time,vx,yaw_rate,road_wheel_angle\n")
     units = {"vx": "m/s", "yaw_rate": "rad/s", "road_wheel_angle": "rad"}
     channels = {name: {"column": name, "unit": unit} for name, unit in units.items()}
-    vehicle = {"wheelbase": "2.7 m", "mass": "1500 kg", "front_length": "1.2 m"}
+    vehicle = {"wheelbase": "2.7 m", "mass": "1500 kg", "front_length": "1.2 m", "front_drive": 0.0}
     content = {"mirdrake": "data/1", **vehicle, "channels": channels, "logs": [{"file": "log.csv"}]}
     (tmp_path / "log.yaml").write_text(json.dumps(content), encoding="utf-8")
     parameters = default_study(tmp_path / "log.yaml").parameters
-    assert {name: entry.fixed for name, entry in parameters.items()} == {"mass": 1500.0, "front_length": 1.2}
+    assert {name: entry.fixed for name, entry in parameters.items()} == {
+        "mass": 1500.0, "front_length": 1.2, "front_drive": 0.0,
+    }  # fmt: skip

@@ -74,6 +74,23 @@ def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("guess", "unlikely", "distance"), [(5.0, None, 2.0), (5.0, 3.0, 1.0), (5.0, -9.0, 2.0), (1.0, 0.0, 2.0)]
+)
+def test_a_prior_with_two_halves_counts_on_its_own_side(guess, unlikely, distance):
+    """A slope of 3 with the standard deviation 1 by the log is 1 / (1 + 1 / d²) of its way from the guess."""
+    model: Any = Line(curved=False)
+    model.parameters = (
+        Parameter("slope", "1", "of the line", guess, -10.0, 10.0, True, 1.0, usual=2.0, unlikely=unlikely),
+    )
+    x = np.tile([1.0, 2.0], COUNT // 2)
+    log = Segment("line", "train", 0.0, 0.01, {"x": x}, {"y": 3.0 * x})
+    noise = float(np.linalg.norm(x))
+    problem = Problem(model, [log], resolve_parameters(model.parameters, {}), {"y": noise}, False)
+    slope = minimise(problem, LINEAR).values["slope"]
+    assert slope == pytest.approx(guess + (3.0 - guess) / (1.0 + distance**-2), abs=1e-4)
+
+
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_the_interval_of_a_robust_fit_is_that_of_an_m_estimator(loss):
     """One noise in five is five times as large; the variance is E ψ² / (E ψ')² over Σ x² (Huber, 1964)."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mirdrake.core.pid import PidGains
+from mirdrake.report.tuning_tables import Tables
 from mirdrake.report.tuning_texts import Texts
 from mirdrake.tuning.acceptance import Criterion, StepEffect
 from mirdrake.tuning.designs import (
@@ -29,7 +30,7 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
 from mirdrake.tuning.loops.speed import SETTLING
 from mirdrake.tuning.models import Integrator
-from mirdrake.tuning.robustness import Robustness, draw_conditions
+from mirdrake.tuning.robustness import CandidateRobustness, FailureRate, Robustness, draw_conditions
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
 from mirdrake.tuning.selection import (
     Knowledge,
@@ -314,6 +315,12 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     ]  # fmt: skip
     assert texts.tiles()[0][:2] == ("present kp", "0.460")
     assert ("IAE", "0.0867\u00a0rad", "rejected candidate 0.122\u00a0rad") in texts.tiles()
+    assert texts.winner_role == "rejected candidate"
+    # The runs that candidates have failed are not a random sample, so that the rate of failures has no interval.
+    runs = {"cautious": CandidateRobustness(FailureRate(12, 0, 0.0, 0.0, 0.26), {}, 12)}
+    table = Tables(Texts(replace(failing, robustness=Robustness(100, 0, {}, runs))), {}).robustness()
+    assert table is not None
+    assert (table.rows[0].failed, table.rows[0].interval) == ("0 of 12 in which candidates failed", "–")
     # Failures up to a friction of 0.8 have another cause; gains that are better need no remedy.
     wide = replace(run, conditions=Conditions(friction=0.8))
     other = replace(failing, candidates=(baseline, replace(rule, rejections=(wide,)), best), rejected=())
@@ -321,6 +328,7 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     better = replace(failing, acceptance=())
     assert Texts(better).after_verdict() == []
     assert Texts(better).tiles()[0][:2] == ("kp", "3.54")
+    assert Texts(better).winner_role == "best"
 
 
 def test_gains_that_spin_the_wheels_on_the_vehicles_own_slopes_are_unstable(bolt: LoopSpec) -> None:

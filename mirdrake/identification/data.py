@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,6 +82,11 @@ class DataSet:
             for name, values in (("time", log.time), *log.channels.items())
         ]
         object.__setattr__(self, "digest", digest(*contents))
+
+    @cached_property
+    def kept(self) -> dict[str, Any]:
+        """Results that depend on the logs only, kept by the functions that compute them."""
+        return {}
 
     @property
     def train(self) -> tuple[Log, ...]:

@@ -24,6 +24,8 @@ class Parameter:
         source: source of the guess, if it is more than a guess.
         usual: usual distance from the guess, as standard deviation of the logarithm or of value over scale: a weak
             prior that keeps a fit in range where a log carries no information; 0 for none.
+        unlikely: value that is two usual distances below the guess at most, for a prior with unequal halves (split
+            normal distribution: K. F. Wallis, Statistical Science 29, 2014); None for a symmetric one.
     """
 
     name: str
@@ -36,6 +38,13 @@ class Parameter:
     scale: float = 0.0
     source: str = ""
     usual: float = 0.0
+    unlikely: float | None = None
+
+    def usual_at(self, scaled: float) -> float:
+        """Return the usual distance on the side of a scaled value."""
+        if scaled >= 0.0 or self.unlikely is None or self.unlikely >= self.guess:
+            return self.usual
+        return min(self.usual, 0.5 * (self.guess - self.unlikely) / self.scale)
 
     @property
     def is_positive(self) -> bool:

@@ -53,14 +53,17 @@ def _known(proposal: DataProposal) -> list[str]:
         return [
             "# wheelbase: 2.7 m             # if you know it: the steering is checked with it",
             "# mass: 1500 kg                # if you know it: else stiffness and inertia are per kilogram",
+            "# front_drive: 1               # 1: front-wheel drive, 0: rear-wheel drive",
         ]
     source = f"# of vehicle '{vehicle.name}' of the run"
     rows = (
         ("wheelbase", vehicle.wheelbase, "m"),
         ("mass", vehicle.mass, "kg"),
         ("front_length", vehicle.front_length, "m"),
+        ("front_drive", vehicle.front_drive, ""),
+        ("front_brake", vehicle.front_brake, ""),
     )
-    return [f"{f'{key}: {value:.6g} {unit}':28}  {source}" for key, value, unit in rows]
+    return [f"{f'{key}: {value:.6g} {unit}'.strip():28}  {source}" for key, value, unit in rows]
 
 
 def _entry(item: Proposal) -> str:

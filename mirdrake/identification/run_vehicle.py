@@ -16,12 +16,16 @@ class KnownVehicle(NamedTuple):
         wheelbase: [m].
         mass: [kg].
         front_length: centre of mass to front axle [m].
+        front_drive: front axle's share of the drive force [1].
+        front_brake: front axle's share of the braking force [1].
     """
 
     name: str
     wheelbase: float
     mass: float
     front_length: float
+    front_drive: float
+    front_brake: float
 
 
 def vehicle_of_run(path: Path) -> KnownVehicle | None:
@@ -33,4 +37,7 @@ def vehicle_of_run(path: Path) -> KnownVehicle | None:
         parameters = estimate_parameters(vehicle)
     except (MirdrakeError, StopIteration):
         return None  # a damaged scene does not make the signals unusable
-    return KnownVehicle(name, vehicle.geometry.wheelbase, parameters.mass, parameters.front_length)
+    return KnownVehicle(
+        name, vehicle.geometry.wheelbase, parameters.mass, parameters.front_length, parameters.front_drive,
+        parameters.front_brake,
+    )  # fmt: skip

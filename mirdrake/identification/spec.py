@@ -4,7 +4,7 @@
 
     mirdrake: data/1
     wheelbase: 2.827 m                                 # optional; with it the steering is checked too
-    mass: 1616 kg                                      # optional, as front_length; fixed in a fit without a study
+    mass: 1616 kg                                      # optional, as front_length, front_drive, front_brake
     time: {column: t_s, unit: s}                       # or {step: 10 ms} without such a column
     channels:
       vx: {column: v_kmh, unit: km/h}
@@ -114,6 +114,14 @@ class DataSpec(Schema):
     front_length: Length | None = Field(
         default=None, gt=0.0, description="centre of mass to front axle, fixed in a fit without a study [m]"
     )
+    front_drive: float | None = Field(
+        default=None, ge=0.0, le=1.0,
+        description="front axle's share of the drive force, fixed in a fit without a study; 1: front-wheel drive [1]",
+    )  # fmt: skip
+    front_brake: float | None = Field(
+        default=None, ge=0.0, le=1.0,
+        description="front axle's share of the braking force, fixed in a fit without a study [1]",
+    )  # fmt: skip
     time: TimeColumn = Field(default=TimeColumn(column="time"), description="clock of all logs [-]")
     channels: dict[str, Mapped] = Field(default={}, description="columns of all logs, by name of the channel [-]")
     csv: CsvLayout = Field(default=CsvLayout(), description="layout of CSV files [-]")

@@ -84,7 +84,7 @@ def _shown(texts: Texts) -> list[Shown]:
     roles = [
         (texts.baseline, "baseline", "edge", True),
         (texts.best_rule, "best rule", "own1", False),
-        (texts.winner, "best" if texts.best else "nearest", "main", False),
+        (texts.winner, texts.winner_role, "main", False),
     ]
     # One candidate may have several roles; it is drawn once, with the last.
     shown = {

@@ -180,6 +180,9 @@ class Tables:
             ]
             interval = f"{100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
             failed = f"{rate.failures} of {rate.runs}"
+            # The baseline is tested in the runs that candidates have failed, which are not a random sample.
+            if name == self.result.baseline and rate.runs < robustness.runs:
+                failed, interval = f"{failed} in which candidates failed", "–"
             if candidate.on_plant < rate.runs:
                 failed += f", {candidate.on_plant} on the plant"
             rows.append(RobustnessRow(name, failed, interval, bool(rate.failures), self._corners(name), cells))

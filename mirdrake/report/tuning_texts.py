@@ -174,6 +174,13 @@ class Texts:
         """Whether the vehicle keeps its present gains, because nothing is better."""
         return not self.result.is_better and self.result.spec.get("baseline") == "present"
 
+    @property
+    def winner_role(self) -> str:
+        """Role of the winner; one that is not better than the present gains is not applied."""
+        if self.best is None:
+            return "nearest"
+        return "rejected candidate" if self.keeps_present else "best"
+
     def after_verdict(self) -> list[str]:
         """Return sentences on why nothing is better: checks that the baseline fails, too, and what to change."""
         if self.result.is_better:

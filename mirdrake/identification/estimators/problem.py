@@ -223,7 +223,7 @@ class Problem:
                 jacobian[row, i] = parameter.slope(parameter.to_value(float(z[i]))) / parameter.prior[1]
                 row += 1
             elif parameter.info.usual > 0.0:
-                jacobian[row, i] = 1.0 / parameter.info.usual
+                jacobian[row, i] = 1.0 / parameter.info.usual_at(float(z[i]))
                 row += 1
         rest = self.size - free
         weights = np.ones(rest)
@@ -258,7 +258,7 @@ class Problem:
             if parameter.prior is not None:
                 residuals.append((parameter.to_value(float(scaled)) - parameter.prior[0]) / parameter.prior[1])
             elif parameter.info.usual > 0.0:
-                residuals.append(float(scaled) / parameter.info.usual)
+                residuals.append(float(scaled) / parameter.info.usual_at(float(scaled)))
         rest = z[len(self.free) :].copy()
         rest[len(self.sensors) :] /= _START
         return np.concatenate((np.array(residuals), rest))

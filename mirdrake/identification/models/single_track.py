@@ -177,7 +177,7 @@ class SingleTrackModel(CompiledModel):
     """
 
     kind = "single_track"
-    data_parameters = ("mass", "front_length")
+    data_parameters = ("mass", "front_length", "front_drive", "front_brake")
     Options = SingleTrackOptions
     uses_steering_guess = True
     sensor_parameters = _SENSOR_PARAMETERS

@@ -34,7 +34,9 @@ def steering_parameters(channel: str) -> tuple[Parameter, ...]:
         # 0.01 rad are 9 degrees of a hand wheel.
         Parameter("steering_offset", "rad", "road wheel angle at zero of the channel", 0.0, -0.2, 0.2, True, 0.01,
                   usual=1.0),
-        Parameter("steering_delay", "s", "dead time of the steering", 0.02, -0.1, 0.5, True, 0.05, usual=1.0),
+        # A cause precedes its effect: only skewed clocks of the channels make a dead time negative.
+        Parameter("steering_delay", "s", "dead time of the steering", 0.02, -0.1, 0.5, True, 0.05, usual=1.0,
+                  unlikely=-0.02),
         Parameter("steering_lag", "s", "time constant of the steering", 0.0, 0.0, 1.0, False, 0.05, usual=2.0),
         Parameter("steering_backlash", "rad", "backlash as road wheel angle from end to end", 0.0, 0.0, 0.1, False,
                   0.002, usual=5.0),
