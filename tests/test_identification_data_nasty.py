@@ -165,7 +165,7 @@ def test_duplicated_stamps_are_is_omitted():
     assert len(report.data.logs[0].time) == len(log.time) - len(again)
 
 
-@pytest.mark.parametrize("count", [1, 3, 12])
+@pytest.mark.parametrize("count", [1, 3, 12, 150])
 def test_dummy_first_rows_are_is_omitted(count):
     log = recorded(25)
     _, channels = clean()

@@ -138,6 +138,9 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Check for first rows in which channels hold a value far from where they jump to."""
     # Only the beginning is searched: defaults before the first message, not jumps during the drive.
     max_rows = min(max(5, len(log.time) // 100), 500)
+    # More rows are possible where no channel at all changes.
+    still = min(int(np.argmax(values != values[0])) or len(values) for values in log.channels.values())
+    max_rows = max(max_rows, min(still, len(log.time) // 10))
     dummy, text = 0, None
     for name, values in log.channels.items():
         if not channel(name).moves or not np.isfinite(values).all():
