@@ -21,12 +21,14 @@ DT = 0.02  # [s]
 Array = Any
 
 
-def traffic_world(actors: list[dict[str, Any]], *, length: float, closed: bool = False, lanes: int = 1) -> World:
+def traffic_world(
+    actors: list[dict[str, Any]], *, length: float, closed: bool = False, lanes: int = 1, **more: Any
+) -> World:
     """Return a world with a ring or a straight road."""
     radius = length / (2.0 * math.pi)
     piece = {"arc": {"radius": radius, "angle": "360 deg"}} if closed else {"line": length}
     track = {"segments": [piece], "closed": closed, "width": 3.5 * lanes, "lanes": lanes}
-    return make_world({"mirdrake": "world/1", "tracks": {"main": track}, "actors": actors})
+    return make_world({"mirdrake": "world/1", "tracks": {"main": track}, "actors": actors} | more)
 
 
 def simulate(world: World, duration: float, *, each: Any = None) -> Array:
@@ -69,6 +71,26 @@ def test_idm_stops_behind_a_standing_car() -> None:
     limits = []
     simulate(world, 40.0, each=lambda _, now: limits.append(now["a"][0]))
     assert min(limits) > -3.2  # about the comfortable deceleration
+
+
+@pytest.mark.parametrize(
+    ("speed", "distance", "passes"), [(25.0, 70.0, True), (25.0, 80.0, False), (10.0, 14.0, True), (10.0, 29.0, False)]
+)
+def test_amber_is_passed_if_a_stop_is_too_late_and_red_comes_later(speed: float, distance: float, passes: bool) -> None:
+    # Amber of 3 s. At 25 m/s a comfortable stop needs 25²/(2 2) = 156 m, but only 75 m are driven before red; at 10 m/s
+    # it needs 25 m, and 30 m are driven.
+    line, amber = 400.0, 3.0
+    light = {"controls": [f"main@{line:g}"], "programme": {"green": 1.0, "amber": amber, "red": 100.0}, "offset": 1.0}
+    behaviour = {"kind": "idm", "deceleration": 2.0}
+    front = make_crew(traffic_world([car("one", 1.0, speed)], length=600.0), {}, 0)[1].shape[0, 0]
+    one = car("one", line - distance - front, speed, behaviour=behaviour)
+    fronts = []
+    world = traffic_world([one], length=600.0, signals={"light": light})
+    simulate(world, 20.0, each=lambda time, now: fronts.append((time, now["s"][0] + front)))
+    before_red = max(s for time, s in fronts if time <= amber)
+    assert (before_red > line) == passes
+    # Nobody passes at red.
+    assert (fronts[-1][1] > line) == passes
 
 
 @pytest.mark.slow

@@ -233,9 +233,9 @@ def fill_lines(stops: Array, programmes: Array, time: float, objects: Records, c
         # Phases in the order green, amber, red; the offset shifts the begin of green backwards.
         phase = (time + programmes[light, 3]) % (green + amber + programmes[light, 2])
         if phase >= green:
-            # The speed column of a stop line is free, as a line does not move; here it marks an amber light.
-            is_amber = 1.0 if phase < green + amber else 0.0
-            count = _put(objects, count, int(stops[k, 0]), LINE, stops[k, 2], 0.0, is_amber)
+            # The speed column of a stop line is free, as a line does not move; here it is the time left of amber.
+            left = max(green + amber - phase, 0.0)
+            count = _put(objects, count, int(stops[k, 0]), LINE, stops[k, 2], 0.0, left)
     return count
 
 
@@ -291,7 +291,7 @@ def arrives(one: Any, place: float, size: float, gap: float, period: float) -> b
 
 def ahead(
     t: LaneTable, lane: int, middle: float, half: float, low: float, high: float, me: int, look: float, stop: float,
-    objects: Records, count: int,
+    own: float, objects: Records, count: int,
 ) -> tuple[float, float, int]:  # fmt: skip
     """Return the gap to the next object ahead [m], its speed [m/s] and its owner; inf, 0 and -2 without one.
 
@@ -306,7 +306,8 @@ def ahead(
         high: offset of its left side [m].
         me: number of the actor.
         look: largest distance of the search [m].
-        stop: distance that it needs to stop [m]; amber lights nearer than this are passed.
+        stop: distance that it needs to stop [m]; amber lights nearer than this are passed if they are reached before red.
+        own: its speed [m/s].
         objects: objects on lanes.
         count: their number.
     """
@@ -324,8 +325,9 @@ def ahead(
                 away = away % t.lanes[lane].length
             free = away - one.half - half
             if one.owner == LINE:
-                # A line behind the front bumper was crossed; amber is passed if a comfortable stop is too late.
-                if free < 0.0 or one.blocker == me or (one.speed > 0.0 and free < stop):
+                # A line behind the front bumper was crossed. Amber is passed if a comfortable stop is too late and the
+                # line is reached before red.
+                if free < 0.0 or one.blocker == me or free < min(stop, own * one.speed):
                     continue
             # At equal stations the lower number is behind, so that the two do not wait for each other.
             elif away < 0.0 or (away == 0.0 and one.owner < me):

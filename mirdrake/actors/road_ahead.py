@@ -186,7 +186,7 @@ def look_ahead(
     # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
     count = fill(t, shape, np.arange(len(objects)), obeys, spans, np.empty(0, STATE), objects, on_lanes)
     gap, speed, _ = ahead(
-        t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on_lanes, count
+        t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, 0.0, on_lanes, count
     )
 
     # Lines are written behind the objects.

@@ -140,12 +140,12 @@ def move(
 
     # The object ahead; during a lane change on both lanes.
     gap, other = math.inf, 0.0
-    gap, other, _ = ahead(t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, objects, count)
+    gap, other, _ = ahead(t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, speed, objects, count)
     if row.old >= 0.0 and row.done < row.span:
         s, d_old = project(t, int(row.old), now.x, now.y)
         gap_old, other_old, _ = ahead(
             t, int(row.old), s + 0.5 * (front - rear), half, d_old - half_width, d_old + half_width, i, LOOK, stop,
-            objects, count,
+            speed, objects, count,
         )  # fmt: skip
         if gap_old < gap:
             gap, other = gap_old, other_old
@@ -314,8 +314,8 @@ def advantage(
     stop = stopping_distance(crew.members[i].law, numbers, speed)
 
     # What is ahead and behind on both lanes, as in the notation of MOBIL: c the actor, n new and o old follower.
-    gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, objects, count)
-    new_gap, new_lead, _ = ahead(t, other, beside, half, -half_width, half_width, i, LOOK, stop, objects, count)
+    gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, speed, objects, count)
+    new_gap, new_lead, _ = ahead(t, other, beside, half, -half_width, half_width, i, LOOK, stop, speed, objects, count)
     back, back_speed, back_owner = behind(t, lane, middle, half, i, LOOK, objects, count)
     new_back, new_back_speed, new_owner = behind(t, other, beside, half, i, LOOK, objects, count)
 
