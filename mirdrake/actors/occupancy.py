@@ -306,7 +306,7 @@ def ahead(
         high: offset of its left side [m].
         me: number of the actor.
         look: largest distance of the search [m].
-        stop: distance that it needs to stop [m]; amber lights nearer than this are passed if they are reached before red.
+        stop: distance that it needs to stop [m]; nearer amber lights are passed if reached before red.
         own: its speed [m/s].
         objects: objects on lanes.
         count: their number.

@@ -368,7 +368,9 @@ def request(
         return 0
     # A red light, or amber at which it stops; both in the same direction as the line.
     stop = 0.5 * speed * speed / numbers[idm.DECELERATION]
-    light, _, _ = ahead(t, lane, middle, half, -shape[2], shape[2], i, _FAR, stop, speed, objects[known:], count - known)
+    light, _, _ = ahead(
+        t, lane, middle, half, -shape[2], shape[2], i, _FAR, stop, speed, objects[known:], count - known
+    )
     if light < distance + _BEFORE:
         return 0
     # It is the first before the line: the next one ahead has reserved its way, or is already in the junction.
