@@ -184,6 +184,7 @@ def targets(jobs: dict[str, Any]) -> dict[str, Any]:
         for contact, kinds in jobs["tyres"]["drives"].items():
             for kind in ("brush", "magic_formula"):
                 targets_[f"tyres_{contact}_{kind}_over_coulomb"] = _at_most(kinds[kind]["over_coulomb"], must=2.0)
+        targets_["rough_road_rtf"] = _at_least(jobs["tyres"]["rough_road"]["rtf_cpu"], must=30.0)
         targets_["single_track_rtf"] = _at_least(jobs["tyres"]["single_track"]["model"]["rtf_cpu"], must=300.0)
     if "memory" in jobs:
         memory = jobs["memory"]

@@ -1,4 +1,4 @@
-"""Job tyres: processor time of tyre models in the drive of W1, and speed of the single-track model."""
+"""Job tyres: processor time of tyre models in the drive of W1, on a rough road, and of the single-track model."""
 
 from functools import partial
 from statistics import median
@@ -58,6 +58,20 @@ def drive(contact: str, *, step: float = 0.005, duration: float = DURATION, repe
         }
         for kind, taken in times.items()
     }
+
+
+def rough_road(*, repeat: int = 3, duration: float | None = None) -> dict[str, float]:
+    """Return the speed of a whole diagram of the Bolt with Magic Formula tyres on a rough road, with its log.
+
+    Args:
+        repeat: number of runs.
+        duration: simulated time [s]; that of the diagram by default.
+    """
+    spec = load_diagram("rough_road")
+    simulation, duration = Simulation(assemble(spec)), duration or spec.duration
+    run = partial(simulation.run, duration=duration)
+    run()  # warms up
+    return rates([timed(run) for _ in range(repeat)], duration=duration, step=spec.plant.time_step)
 
 
 def _model(period: float | None = None) -> tuple[Diagram, Any, dict[str, list[float]]]:
@@ -125,6 +139,7 @@ def run_tyres(*, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
     """Run all parts of the job."""
     return {
         "drives": {contact: drive(contact, duration=duration, repeat=repeat) for contact in ("point", "hydroelastic")},
+        "rough_road": rough_road(duration=min(duration, 20.0), repeat=repeat),
         "single_track": {
             "model": reduced(_model, duration=duration, repeat=repeat),
             "model_sampled": reduced(partial(_model, LOG_PERIOD), duration=duration, repeat=repeat),
