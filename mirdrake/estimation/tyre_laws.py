@@ -25,8 +25,8 @@ _GRID = np.geomspace(0.02, 5.0, 60)
 """Uses x / P at which laws are compared; beyond the last one all tyres slide."""
 
 _SHAPE, _CURVATURE = 1.193, -1.003
-"""Lateral shape and curvature of the Magic Formula if it is the other law: of a car tyre 205/60R15 (H. B. Pacejka, Tyre
-and Vehicle Dynamics, 3rd ed., appendix 3, p_Cy1 and p_Ey1)."""
+"""Lateral shape p_Cy1 and curvature p_Ey1 of the Magic Formula if it is the other law: of a car tyre 205/60R15 91V at
+2.2 bar (H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed. (2006), table A3.1; the 3rd edition has other parameters)."""
 
 _LARGEST = 100.0  # use at which every law has softened more than at the last one of the grid
 
