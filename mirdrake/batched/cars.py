@@ -154,8 +154,8 @@ class Batch:
         Raises:
             ConfigError: the shape of the inputs is wrong.
         """
-        # A broadcast view has strides of zero, which the compiled signature does not accept, hence the copy.
-        held = np.ascontiguousarray(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))))
+        # A copy: a broadcast view has strides of zero and is read-only, a further type of argument to compile for.
+        held = np.array(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))), order="C")
         arguments = (*self.model(), held, self.step_time, int(steps))
         self.share(self._advance, arguments, (self.state, self.diverged))
         self.time += steps * self.step_time
