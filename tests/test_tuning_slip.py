@@ -6,17 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import Course, DrivenAxle, Evaluation, Gain, LoopModel, LoopSpec, SlipModel
-from mirdrake.tuning.loops.bench import WAIT
+from mirdrake.tuning.loops.bench import WAIT, BenchProcess
 from mirdrake.tuning.loops.evaluate import plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
-from mirdrake.tuning.loops.slip import DIRECT_RESERVE, RESERVE, fault_on_own_slopes, make_slip_model, run_slip
+from mirdrake.tuning.loops.slip import DIRECT_RESERVE, RESERVE, fault_on_own_slopes, make_slip_model, pitch_of, run_slip
 from mirdrake.tuning.loops.speed import GRIP, WheelSpeedLoop
 from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.scenarios import InSlip
-from mirdrake.tuning.spec import load_tuning
+from mirdrake.tuning.spec import load_tuning, make_tuning
 
 ROOT = Path(__file__).parents[1]
 RADIUS, INERTIA, LOAD, FRICTION = 0.3, 1.2, 4000.0, 0.8
@@ -24,9 +25,16 @@ GRIP_TORQUE = FRICTION * LOAD * RADIUS
 SPEED = 10.0
 
 
-def sliding_wheel(*, period: float, delay: float, limit: float | None, load: float, duration: float) -> LoopSpec:
-    """Return the loop of a wheel on a vehicle of infinite mass, with Coulomb friction that reverses with the slip."""
-    axle = DrivenAxle(2, INERTIA, load, 0.0, stiffness=1e4, length=1e-4, damping=1e4, curve=(0.0, *[FRICTION] * 100))
+COULOMB = DrivenAxle(
+    2, INERTIA, LOAD, 0.0, stiffness=1e4, length=1e-4, damping=1e4, low_damping=0.0, curve=(0.0, *[FRICTION] * 100)
+)
+"""Wheels with Coulomb friction that reverses with the slip."""
+
+
+def sliding_wheel(
+    *, period: float, delay: float, limit: float | None, duration: float, axle: DrivenAxle = COULOMB
+) -> LoopSpec:
+    """Return the loop of a wheel on a vehicle of infinite mass."""
     slip = SlipModel(1e12, RADIUS, FRICTION, (axle,), 20.0, 0.5, 0.1)
     model = LoopModel(
         {"main": Integrator(1.0, 0.0).transfer_function()},
@@ -69,7 +77,7 @@ def slip_of(spec: LoopSpec, kp: float, slip: float) -> np.ndarray:
 def test_a_sliding_wheel_at_its_limits_oscillates_as_in_the_closed_form(torque: float) -> None:
     """The torque reverses a dead time after the slip: amplitude (T - F h) τ h / J, period 4 τ T / (T + F h)."""
     period, delay, limit = 2.5e-4, 0.06, torque * GRIP_TORQUE
-    spec = sliding_wheel(period=period, delay=delay, limit=limit, load=LOAD, duration=4.0)
+    spec = sliding_wheel(period=period, delay=delay, limit=limit, duration=4.0)
     slip = slip_of(spec, 1e6, 30.0)[8000:]
     amplitude = (limit - GRIP_TORQUE) * delay * RADIUS / INERTIA
     # Sampling adds up to a period to the dead time.
@@ -82,7 +90,7 @@ def test_a_sliding_wheel_at_its_limits_oscillates_as_in_the_closed_form(torque: 
 
 def test_a_wheel_whose_torque_is_below_its_friction_returns_to_rolling_with_any_gain() -> None:
     for kp in (10.0, 100.0, 1e4, 1e6):
-        spec = sliding_wheel(period=1e-3, delay=0.06, limit=0.9 * GRIP_TORQUE, load=LOAD, duration=3.0)
+        spec = sliding_wheel(period=1e-3, delay=0.06, limit=0.9 * GRIP_TORQUE, duration=3.0)
         assert np.abs(slip_of(spec, kp, 30.0)[2500:]).max() < 0.05
 
 
@@ -91,13 +99,72 @@ def test_a_free_wheel_is_stable_up_to_the_gain_of_the_sampled_loop(whole: int) -
     """Of z^(n+1) - z^n + K all roots are inside the circle for K < 2 cos(n π / (2 n + 1)), S. A. Kuruklis,
     J. Math. Anal. Appl. 188 (1994) 719; K = kp T / J, dead time n T."""
     period = 0.02
-    spec = sliding_wheel(period=period, delay=whole * period, limit=None, load=0.0, duration=20.0)
+    free = replace(COULOMB, load=0.0)
+    spec = sliding_wheel(period=period, delay=whole * period, limit=None, duration=20.0, axle=free)
     largest = 2.0 * math.cos(whole * math.pi / (2 * whole + 1)) * INERTIA / period
     if whole == 0:
         spec = replace(spec, delay=-WAIT * period)
     decays, grows = slip_of(spec, 0.97 * largest, 1.0), slip_of(spec, 1.03 * largest, 1.0)
     assert np.abs(decays[-100:]).max() < 0.1
     assert np.abs(grows[-100:]).max() > 3.0
+
+
+@pytest.mark.parametrize("whole", [0, 1, 3])
+def test_a_wheel_on_an_elastic_tyre_oscillates_as_the_exact_sampled_loop(whole: int) -> None:
+    """The wheel oscillates on its tyre by a quarter of a turn per period: numerical damping would hide it."""
+    period, stiffness, length = 0.02, 200.0, 0.6
+    slips = np.linspace(0.0, 1.0, 101) ** 2
+    linear = tuple((stiffness * slips).tolist())
+    elastic = replace(COULOMB, load=300.0, stiffness=stiffness, length=length, damping=0.0, curve=linear)
+    spec = sliding_wheel(period=period, delay=whole * period, limit=None, duration=5.3, axle=elastic)
+    if whole == 0:
+        spec = replace(spec, delay=-WAIT * period)
+
+    # (s, u, T)' with the torque T held for a period.
+    pull = RADIUS**2 / INERTIA * elastic.load * stiffness / length
+    assert math.sqrt(pull) * period == pytest.approx(0.5 * math.pi, rel=0.2)
+    system = np.array([[0.0, -pull, RADIUS / INERTIA], [1.0, -SPEED / length, 0.0], [0.0, 0.0, 0.0]])
+    exact = scipy.linalg.expm(system * period)
+
+    def radius(kp: float) -> float:
+        # The state, then the torques of the last periods, the latest first; T = -kp s / h.
+        loop = np.zeros((2 + whole, 2 + whole))
+        loop[:2, :2] = exact[:2, :2]
+        loop[3:, 2:-1] = np.eye(max(whole - 1, 0))
+        if whole:
+            loop[:2, -1], loop[2, 0] = exact[:2, 2], -kp / RADIUS
+        else:
+            loop[:2, 0] -= kp / RADIUS * exact[:2, 2]
+        return float(np.abs(np.linalg.eigvals(loop)).max())
+
+    largest = scipy.optimize.brentq(lambda kp: radius(kp) - 1.0, 1.0, 1e4)
+    for factor in (0.97, 1.03):
+        slip = slip_of(spec, factor * largest, 1e-6)
+        rate = (np.std(slip[160:260]) / np.std(slip[60:160])) ** (1.0 / 100.0)
+        assert rate == pytest.approx(radius(factor * largest), abs=5e-3)  # 0.3 % of the gain
+
+
+@pytest.mark.parametrize("name", ["bolt", "unior"])
+def test_a_vehicle_pitches_on_its_tyres_as_computed(name: str) -> None:
+    """Poles of the pitch rate of the plant after a push, from its samples: r[k + 2] = a r[k + 1] + b r[k]."""
+    loop = make_loop_spec(make_tuning({"vehicle": name, "loop": "speed"}))
+    bench = plant_bench(loop)
+    process = BenchProcess(bench)
+    plant, base = bench.plant, bench.part.base
+    context = plant.GetMyMutableContextFromRoot(process.context)
+    rate = base.floating_velocities_start_in_v() + 1
+    velocities = plant.GetVelocities(context)
+    velocities[rate] = 0.02
+    plant.SetVelocities(context, velocities)
+    rates = []
+    for _ in range(20):
+        process(0.0)
+        rates.append(float(plant.GetVelocities(context)[rate]))
+    (a, b), *_ = np.linalg.lstsq(np.transpose([rates[1:-1], rates[:-2]]), np.array(rates[2:]), rcond=None)
+    pole = np.log(np.roots([1.0, -a, -b]).astype(complex)[0]) / bench.period
+    frequency, damping = pitch_of(bench, axles_of(bench))
+    assert abs(pole) == pytest.approx(frequency, rel=0.1)
+    assert -pole.real / abs(pole) == pytest.approx(damping, abs=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +176,7 @@ def bolt() -> LoopSpec:
     plant = Integrator(0.0132, 0.0574).transfer_function()
     model = kind.model(bench, plant, 25.9)
     one = Integrator(1.0, 0.0).transfer_function()
-    return replace(loop, model=replace(model, output=one, slip=make_slip_model(bench, None)))
+    return replace(loop, model=replace(model, output=one, slip=make_slip_model(bench)))
 
 
 def test_the_largest_slopes_are_those_of_the_traction_limits(bolt: LoopSpec) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 from mirdrake.cli.common import add_quiet, add_set, add_workers, open_dask
 from mirdrake.core.paths import find
 from mirdrake.core.progress import Progress
-from mirdrake.execution.worker_server import LOOP, start_server
+from mirdrake.execution.worker_server import ENVIRONMENT, LOOP, start_server
 
 if TYPE_CHECKING:
     from mirdrake.tuning.result import TuningResult
@@ -40,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tune the loop; 0: all acceptance criteria are met, 1: one is not, 130: stopped."""
+    # Before NumPy is loaded, one thread for linear algebra, as in the workers: threads for small matrices take longer.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", ENVIRONMENT["OPENBLAS_NUM_THREADS"])
     path = find("studies", options.study)
     # The server of the workers imports Drake while the specification is read.
     if options.scheduler is None and options.workers != 0:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike
 
 from mirdrake.core.checks import check_number
@@ -21,9 +22,6 @@ from mirdrake.tuning.models import Floats, TransferFunction
 
 Process = Callable[[float], float]
 Loop = Callable[[float], tuple[float, float]]
-
-TERMS = 16
-"""Terms of the Taylor polynomial of a matrix exponential."""
 
 
 class LinearProcess:
@@ -88,28 +86,6 @@ class DiscreteMatrices:
     whole: int
 
 
-def exponential(matrix: Floats) -> Floats:
-    """Return the exponential of a small matrix, by its Taylor polynomial with scaling and squaring.
-
-    It uses no solver of LAPACK: in a process beside busy ones, threads of BLAS make scipy's function take milliseconds.
-    Source: C. Moler and C. Van Loan, SIAM Review 45 (2003) 3, method 3.
-
-    Args:
-        matrix: shape (n, n).
-    """
-    # Scaled to a norm of at most 1/2, where the terms after the 16th are below 2e-20.
-    norm = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
-    halvings = max(math.ceil(math.log2(norm)) + 1, 0) if 0.0 < norm < math.inf else 0
-    scaled = matrix * 0.5**halvings
-    term = total = np.eye(len(matrix))
-    for k in range(1, TERMS + 1):
-        term = term @ scaled / k
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return np.asarray(total, dtype=float)
-
-
 @lru_cache(maxsize=512)
 def discrete_matrices(plant: TransferFunction, period: float) -> DiscreteMatrices:
     """Return the matrices of a transfer function for a control that is held for a period [s]; they are not changed."""
@@ -129,7 +105,7 @@ def discrete_matrices(plant: TransferFunction, period: float) -> DiscreteMatrice
     whole = math.floor(periods + 1e-9)
     late = max(periods - whole, 0.0) * period
     # exp of the extended matrix holds the state transition and the integral over the held control (van Loan).
-    first, second = exponential(extended * late), exponential(extended * (period - late))
+    first, second = (scipy.linalg.expm(extended * time) for time in (late, period - late))
     step = second[:order, :order] @ first[:order, :order]
     old, new = second[:order, :order] @ first[:order, order], second[:order, order].copy()
     return DiscreteMatrices(step, old, new, old + new, row, float(numerator[0]), whole)

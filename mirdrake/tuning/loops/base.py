@@ -7,6 +7,7 @@ and a fidelity, and always returns an :class:`Evaluation`.
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import pandas as pd
@@ -180,6 +181,7 @@ class DrivenAxle:
         stiffness: slip stiffness over the load [1].
         length: relaxation length [m].
         damping: damping between patch and rim at all speeds, over the load [s/m].
+        low_damping: further damping at standstill, which fades up to the speed `low`, over the load [s/m].
         curve: force over load at the slips (k / (n - 1))², for the nominal friction [1].
     """
 
@@ -190,6 +192,7 @@ class DrivenAxle:
     stiffness: float
     length: float
     damping: float
+    low_damping: float
     curve: tuple[float, ...]
 
 
@@ -204,7 +207,7 @@ class SlipModel:
         axles: driven axles.
         frequency: natural frequency of pitch [rad/s].
         damping: damping ratio of pitch [1].
-        low: speed below which the deflection of a tyre is limited [m/s].
+        low: speed below which a tyre has its damping of low speeds, and a limit of its deflection [m/s].
     """
 
     mass: float
@@ -267,6 +270,11 @@ class LoopModel:
     outer: OuterLoop | None = None
     block: BlockModel | None = None
     slip: SlipModel | None = None
+
+    @cached_property
+    def key(self) -> str:
+        """Its values, as a key of what was computed from it."""
+        return repr(self)
 
     def to_measurement(self, plant: TransferFunction) -> TransferFunction:
         """Return one of the transfer functions with its factor to the measurement."""

@@ -281,18 +281,17 @@ class _Tests(threading.local):
     """Tests of loops that a thread has made: many gains are tested under the same conditions."""
 
     def __init__(self) -> None:
-        # With the model, so that its id is not that of another one.
-        self._made: dict[tuple[object, ...], tuple[LoopModel | None, ReducedTest]] = {}
+        self._made: dict[tuple[object, ...], ReducedTest] = {}
 
     def get(self, spec: LoopSpec, conditions: Conditions) -> ReducedTest:
         """Return the test of a loop under conditions."""
-        key = (id(spec.model), spec.period, spec.time_step, spec.delay, spec.course, conditions)
+        key = (model_of(spec)[0].key, spec.period, spec.time_step, spec.delay, spec.course, conditions)
         if key not in self._made:
             # Studies draw some hundred conditions; the limit is for other uses.
             if len(self._made) >= MOST_TESTS:
                 self._made.clear()
-            self._made[key] = spec.model, _make_test(spec, conditions)
-        return self._made[key][1]
+            self._made[key] = _make_test(spec, conditions)
+        return self._made[key]
 
 
 _tests = _Tests()

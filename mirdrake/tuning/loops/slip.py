@@ -27,7 +27,8 @@ from mirdrake.tuning.loops.base import NOMINAL, Conditions, DrivenAxle, Evaluati
 from mirdrake.tuning.loops.bench import WAIT, PlantBench
 from mirdrake.tuning.loops.reduced import judge_test, model_of, pid_of, reduced_test
 from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
-from mirdrake.tuning.models import Floats, TransferFunction
+from mirdrake.tuning.models import Floats
+from mirdrake.vehicles.traction import Axles
 
 RESERVE, DIRECT_RESERVE = 0.03, 0.1
 """Reserves of friction on own slopes, with the nominal dead time and with the shortest one [1].
@@ -36,23 +37,40 @@ With less, wheels of the plant oscillated, in the test or in other drives. With 
 may be too high for a rolling wheel on the slip stiffness of its tyre, before it slides.
 """
 
-STEP = 1e-3
-"""Longest step of the model [s]; it is implicit."""
+STEP = 2e-3
+"""Longest step of the model [s]."""
 
 NODES = 101
 """Slips at which the force of a tyre is stored."""
 
-PITCH = (20.0, 0.5)
-"""Natural frequency [rad/s] and damping ratio of pitch if the identified model has no such poles."""
 
+def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float]:
+    """Return natural frequency [rad/s] and damping ratio of a vehicle that pitches on its springs and tyres.
 
-def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> SlipModel:
-    """Return the slip model of a vehicle on a bench.
-
-    Args:
-        bench: of a loop that controls the torque of each driven wheel.
-        measured: identified factor of the measurement, with the poles of pitch.
+    ω² = (k_f l_f² + k_r l_r²) / I with the stiffness of an axle, tyre and spring in series; a damper of the spring
+    moves by the share of the spring. Source: T. D. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 5,
+    uncoupled bounce and pitch.
     """
+    plant, part = bench.plant, bench.part
+    context = plant.CreateDefaultContext()
+    whole = plant.CalcSpatialInertia(context, plant.world_frame(), plant.GetBodyIndices(part.instance))
+    inertia = float(whole.Shift(whole.get_com()).CalcRotationalInertia().get_moments()[1])
+    suspension, wheels = part.vehicle.spec.suspension, make_spinning_wheels(plant, part)
+    stiffness = damping = 0.0
+    for wheel, tyre in ((0, part.compression[0]), (2, part.compression[1])):
+        load, arm = wheels[wheel].static_load, axles.to_rear if wheel else axles.to_front
+        borne, damped = math.sqrt(tyre.stiffness**2 + 4.0 * tyre.hardening * load), tyre.damping * load
+        if suspension is not None:
+            spring = suspension.corners()[wheel]
+            damped = spring.damping * (borne / (borne + spring.stiffness)) ** 2
+            borne *= spring.stiffness / (borne + spring.stiffness)
+        stiffness += 2.0 * borne * arm**2
+        damping += 2.0 * damped * arm**2
+    return math.sqrt(stiffness / inertia), 0.5 * damping / math.sqrt(stiffness * inertia)
+
+
+def make_slip_model(bench: PlantBench) -> SlipModel:
+    """Return the slip model of a vehicle on the bench of a loop that controls the torque of each driven wheel."""
     wheels, (_, laws) = make_spinning_wheels(bench.plant, bench.part), wheel_laws(bench.part)
     axles, friction = axles_of(bench), float(bench.spec.friction or 0.0)
     total = float(bench.plant.CalcTotalMass(bench.plant.CreateDefaultContext(), [bench.part.instance]))
@@ -73,17 +91,13 @@ def make_slip_model(bench: PlantBench, measured: TransferFunction | None) -> Sli
                 stiffness=tyre.contact.stiffness_x / wheel.static_load,
                 length=tyre.contact.length_x,
                 damping=wheel.settings.lasting_damping / wheel.static_load,
+                low_damping=wheel.settings.damping / wheel.static_load,
                 curve=tuple(float(tyre.forces(slip, 0.0, speed)[0]) / wheel.static_load for slip in slips.tolist()),
             )
         )
     others = sum(wheel.inertia for place, wheel in enumerate(wheels) if place not in bench.driven)
-    frequency, damping = PITCH
-    poles = () if measured is None else measured.denominator
-    if len(poles) == 3 and poles[2] > 0.0:
-        frequency = math.sqrt(poles[2])
-        damping = 0.5 * poles[1] / frequency
     return SlipModel(
-        total + float(others / bench.radius**2), float(bench.radius), friction, tuple(driven), frequency, damping,
+        total + float(others / bench.radius**2), float(bench.radius), friction, tuple(driven), *pitch_of(bench, axles),
         wheels[bench.driven[0]].settings.low,
     )  # fmt: skip
 
@@ -134,7 +148,7 @@ def run_slip(
         [
             (
                 axle.wheels, axle.inertia * conditions.mass, axle.load * conditions.mass,
-                axle.transfer * conditions.mass, axle.stiffness, axle.length, axle.damping,
+                axle.transfer * conditions.mass, axle.stiffness, axle.length, axle.damping, axle.low_damping,
             )
             for axle in model.slip.axles
         ]
@@ -159,9 +173,7 @@ def _curves(model: SlipModel, road: float) -> Floats:
     """
     ratio = road / model.friction
     slips = np.linspace(0.0, 1.0, NODES) ** 2
-    return np.array(
-        [ratio * np.interp(np.sqrt(np.minimum(slips / ratio, 1.0)), np.sqrt(slips), axle.curve) for axle in model.axles]
-    )
+    return np.array([ratio * np.interp(slips / ratio, slips, axle.curve) for axle in model.axles])
 
 
 def _numbers(

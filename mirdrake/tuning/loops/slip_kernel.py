@@ -5,11 +5,15 @@ With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v an
     J ω' = T - h F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
 
 Deflection u, relaxation length σ, slip stiffness C and damping k are those of :mod:`mirdrake.tyres.relaxation`. The
-load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'. A step is implicit, by
-the secant stiffness F / κ, so that it is stable on the stiffest tyre.
+load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'.
+
+A wheel oscillates on its tyre with up to 50 Hz, and a sampled controller may excite that, so that a step must neither
+damp it nor be unstable on the stiffest tyre: slip and deflection have the two implicit stages of the method with
+γ = 1 - 1/√2 (R. Alexander, SIAM Journal on Numerical Analysis 14 (1977) 1006), which is L-stable, of second order, and
+damps an oscillation by ζ = 0.0037 (ω dt)³. A stage is solved by the secant stiffness F / κ.
 """
 
-from math import cos, pi, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +21,16 @@ import numpy as np
 from mirdrake.core.compiled import Records
 from mirdrake.core.pid import PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.tuning.models import Floats
+from mirdrake.tyres.relaxation import low_speed_weight
 
 _START = PidState()
 _SMALL = 1e-9
+_GAMMA = 1.0 - 0.5 * sqrt(2.0)  # length of a stage over that of a step
 
 ITERATIONS = 3
-"""Iterations of the force of a tyre in a step."""
+"""Iterations of the force of a tyre in a stage."""
 
-AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping")
+AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping", "low_damping")
 """Columns of the table of driven axles of :func:`simulate_slip`."""
 
 
@@ -45,7 +51,7 @@ class SlipNumbers(NamedTuple):
         gravity: gravity along the road [m/s²].
         frequency: natural frequency of pitch [rad/s].
         damping: damping ratio of pitch [1].
-        low: speed below which the deflection of a tyre is limited [m/s].
+        low: speed below which a tyre has its damping of low speeds, and a limit of its deflection [m/s].
         limit: of the slip of a deflection at standstill [1].
         slip: slip velocity at the start [m/s].
         pid: gains of the loop of a wheel.
@@ -86,7 +92,7 @@ def force_over_load(curve: Floats, slip: float) -> float:
     last = len(curve) - 1
     place = sqrt(abs(slip)) * last
     k = int(min(place, last - 1.0))
-    share = min(place - k, 1.0)
+    share = min((abs(slip) * last * last - k * k) / (2.0 * k + 1.0), 1.0)
     force = float(curve[k] + share * (curve[k + 1] - curve[k]))
     return force if slip >= 0.0 else -force
 
@@ -108,7 +114,7 @@ def simulate_slip(
 
     Args:
         numbers: one record of :class:`SlipNumbers`.
-        axles: a row per driven axle with the columns :data:`AXLE`, shape (a, 7); stiffness and damping over the load.
+        axles: a row per driven axle with the columns :data:`AXLE`, shape (a, 8); stiffness and damping over the load.
         curves: see :func:`force_over_load`, shape (a, n).
         wanted: set-point of each period, less the start, times scale, shape (k).
         feedforward: control that is added, shape (k) [u].
@@ -123,7 +129,7 @@ def simulate_slip(
     step = n.period / n.steps
     speed = n.start * (1.0 if n.is_speed else n.radius)
     slip = np.full(count, n.slip * 1.0)
-    along, rate, load = np.zeros(count), np.zeros(count), np.zeros(count)
+    along, force, rate, load = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     wheels = 0.0
     for i in range(count):
         wheels += axles[i, 0]
@@ -163,30 +169,49 @@ def simulate_slip(
             # The older control acts for the rest of the dead time that is not a whole period.
             old = (part + 0.5) * step < n.part
             push = resistances[k] * wheels / n.radius  # forces on the vehicle [N]
-            sliding = 0.5 * (1.0 + cos(pi * speed / n.low)) if abs(speed) < n.low else 0.0
+            total = push
+            for i in range(count):
+                total += axles[i, 0] * force[i]
+            sliding = low_speed_weight(speed, n.low)
             for i in range(count):
                 share, inertia, stiffness, length = axles[i, 0], axles[i, 1], axles[i, 4], axles[i, 5]
                 torque = (controls[i, 0] if old else controls[i, 1]) + loads[k]
                 pressed = max(load[i], 0.0)
-                fade = 1.0 + step * abs(speed) / length
-                damped = axles[i, 6] / stiffness
-                held, gain = along[i] / (length * fade), step / (length * fade) + damped
+                damped = (axles[i, 6] + axles[i, 7] * sliding) / stiffness
                 mobility = n.radius * n.radius / inertia + share / n.mass
-                free = slip[i] + step * (n.radius * torque / inertia - resistances[k] * wheels / n.radius / n.mass)
-                # Secant stiffness of the tyre, first at the slip of the beginning, then at that of the end of the step.
-                kappa, following = along[i] / length + damped * slip[i], slip[i]
-                secant = 0.0
-                for _ in range(ITERATIONS):
-                    secant = pressed * stiffness
-                    if abs(kappa) > _SMALL:
-                        secant = pressed * force_over_load(curves[i], kappa) / kappa
-                    following = (free - step * mobility * secant * held) / (1.0 + step * mobility * secant * gain)
-                    kappa = held + gain * following
-                slip[i] = following
-                push += share * secant * kappa
-                # A wheel that spins at standstill must not deflect its tyre without limit.
-                most = length * (sliding * n.limit + (1.0 - sliding) * max(n.limit, 1.0))
-                along[i] = min(max((along[i] + step * slip[i]) / fade, -most), most)
+                # Change of the slip without the axle's own tyres; the other axles have their forces of the last step.
+                change = n.radius * torque / inertia - (total - share * force[i]) / n.mass
+                slip_now, along_now = slip[i], along[i]
+                kappa = along_now / length + damped * slip_now
+                span = _GAMMA * step
+                fade = 1.0 + span * abs(speed) / length
+                gain = span / (length * fade) + damped
+                mean = 0.0
+                for stage in range(2):
+                    held, free = along_now / (length * fade), slip_now + span * change
+                    following, secant = slip_now, 0.0
+                    for _ in range(ITERATIONS):
+                        secant = pressed * stiffness
+                        if abs(kappa) > _SMALL:
+                            secant = pressed * force_over_load(curves[i], kappa) / kappa
+                        following = (free - span * mobility * secant * held) / (1.0 + span * mobility * secant * gain)
+                        kappa = held + gain * following
+                    pulled = secant * kappa
+                    deflected = (along_now + span * following) / fade
+                    if stage == 0:
+                        mean = (1.0 - _GAMMA) * pulled
+                        further = (1.0 - _GAMMA) / _GAMMA
+                        slip_now, along_now = (
+                            slip[i] + further * (following - slip[i]),
+                            along[i] + further * (deflected - along[i]),
+                        )
+                    else:
+                        force[i] = mean + _GAMMA * pulled
+                        slip[i] = following
+                        # A wheel that spins at standstill must not deflect its tyre without limit.
+                        most = length * (sliding * n.limit + (1.0 - sliding) * max(n.limit, 1.0))
+                        along[i] = min(max(deflected, -most), most)
+                push += share * force[i]
             acceleration = push / n.mass
             speed += step * acceleration
             for i in range(count):
@@ -195,5 +220,5 @@ def simulate_slip(
                 load[i] += step * rate[i]
 
 
-SLIP_PARTS = (pid_step, force_over_load)
+SLIP_PARTS = (pid_step, force_over_load, low_speed_weight)
 """Functions that :func:`simulate_slip` calls."""

@@ -281,7 +281,7 @@ class WheelSpeedLoop(VehicleLoop):
         main, factors = fit_factors(responses, plain)
         model = replace(
             self.model(bench, main, drag),
-            slip=make_slip_model(bench, factors[0]),
+            slip=make_slip_model(bench),
             measured=factors[0],
             output=factors[1] if len(factors) > 1 else None,
             radius_per_mass=radius_per_mass(bench, drag),
