@@ -77,7 +77,7 @@ def test_verdict_and_error_are_those_of_the_plant_with_the_magic_formula(tmp_pat
     bolt = shutil.copytree(ROOT / "models" / "bolt", tmp_path / "bolt")
     (bolt / "variants" / "torque.yaml").write_text(WHEELS_BY_TORQUE.replace("1.0", "200.0"), encoding="utf-8")
     own, inertia = own_slopes_of(f"{bolt}@torque", "speed", time_step=0.005)
-    _compare(own, inertia, 0.9, (2.0,), (8.0,))
+    _compare(own, inertia, 0.9, (0.5,), (2.0,))
 
 
 def _compare(
@@ -89,4 +89,4 @@ def _compare(
         model, plant = run_slip(own, gains, conditions), LoopEvaluator(own)(gains, conditions)
         assert (model.status, plant.status) == 2 * ("ok" if bandwidth in stable else "unstable",), plant.reason
         if bandwidth in stable:
-            assert model.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.06)
+            assert model.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.1)
