@@ -76,8 +76,8 @@ def test_verdict_and_error_are_those_of_the_plant(
 def test_verdict_and_error_are_those_of_the_plant_with_the_magic_formula(tmp_path: Path) -> None:
     bolt = shutil.copytree(ROOT / "models" / "bolt", tmp_path / "bolt")
     (bolt / "variants" / "torque.yaml").write_text(WHEELS_BY_TORQUE.replace("1.0", "200.0"), encoding="utf-8")
-    own, inertia = own_slopes_of(f"{bolt}@torque", "speed", time_step=0.005)
-    _compare(own, inertia, 0.9, (0.5,), (2.0,))
+    own, inertia = own_slopes_of(f"{bolt}@torque", "speed", time_step=0.0025)
+    _compare(own, inertia, 0.9, (0.25,), (1.0,))
 
 
 def _compare(
