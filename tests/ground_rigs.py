@@ -135,7 +135,8 @@ class TyreEnergy:
 
         # Contacts of the wheels; the energy of a tyre is that of its effective deflection.
         x = plant.GetPositionsAndVelocities(own)
-        base, terrain = base_motion(x.tolist(), self._places[0].base, plant.num_positions()), self._terrain
+        base = base_motion(x.tolist(), self._places[0].base, plant.num_positions(), part.period)
+        terrain = self._terrain
         contacts, elastic = [], []
         sizes = zip(self._places, geometry.wheel_radii, geometry.wheel_widths, strict=True)
         for wheel, (place, radius, width) in enumerate(sizes):
@@ -154,7 +155,7 @@ class TyreEnergy:
         loads = self._tyres.wheel_load.Eval(tyres)
         self.momentum.append(plant.CalcSpatialMomentumInWorldAboutPoint(own, np.zeros(3)).translational())
         if self._before is not None:
-            early_contacts, early_elastic, early_damped, yaw_rate = self._before
+            early_contacts, early_elastic, early_damped = self._before
             power = -0.5 * (damped + early_damped)
             force = np.array([0.0, 0.0, -GRAVITY * plant.CalcTotalMass(own, [part.instance])])
             for early, late, rubber, load, (fx, fy, mz, _, _) in zip(
@@ -165,10 +166,8 @@ class TyreEnergy:
                 power += fy * 0.5 * (early.vy + late.vy)
                 power += mz * 0.5 * (early.turn + late.turn)
                 power -= self._brake * 0.5 * abs(early.spin + late.spin)
-                # The vehicle yaws during the step, and its forces with it.
-                turn = 0.5 * part.period * yaw_rate
-                force += (fx - turn * fy) * np.array(early.ahead) + (fy + turn * fx) * np.array(early.left)
+                force += fx * np.array(early.ahead) + fy * np.array(early.left)
                 force += load * np.array(early.normal)
             self.work.append(self.work[-1] + part.period * power)
             self.impulse.append(self.impulse[-1] + part.period * force)
-        self._before = (contacts, elastic, damped, base.turning[2])
+        self._before = (contacts, elastic, damped)

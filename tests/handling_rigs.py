@@ -78,7 +78,7 @@ class EnergyWatch:
         self.stored.append(float(energy))
 
         state = plant.GetPositionsAndVelocities(own).tolist()
-        base = base_motion(state, self._places[0].base, plant.num_positions())
+        base = base_motion(state, self._places[0].base, plant.num_positions(), part.period)
         motions = [wheel_motion(state, wheel_place, base, plant.num_positions()) for wheel_place in self._places]
         turning = [base.turning[2]] * 4
         for wheel, joint in enumerate(part.steering):

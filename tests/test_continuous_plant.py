@@ -14,9 +14,10 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import Assembly, assemble, make_diagram
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.compiled import compiled, records
-from mirdrake.plant.plant import solves_joints
+from mirdrake.plant.plant import implicit_servo, solves_joints
 from mirdrake.plant.wheels.joint_step import JOINT_PARTS, JointMemory, StiffJoint, joint_steps
 from mirdrake.runs.simulation import Simulation
+from mirdrake.vehicles.joint_control import ServoGains
 
 
 def move(
@@ -83,6 +84,22 @@ def test_a_stiff_servo_is_stable_with_an_inexact_inertia_and_holds_a_load(ratio:
     q, torque = move(joint=joint, inertia=2.0, load=lambda _: 100.0, desired=0.1)
     np.testing.assert_allclose(q[160:], 0.1 + 100.0 / 5e7, atol=1e-9)
     np.testing.assert_allclose(torque[160:], -100.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.0025])
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+def test_an_adapted_servo_has_its_time_constant_at_any_step(step: float, damping: float) -> None:
+    """0.02 kg m² on 540 N m/rad and 11 N m s/rad: the slow solution of I λ² + (d + D) λ + k = 0."""
+    gains = implicit_servo(ServoGains(540.0, 11.0), 0.02, damping, step, continuous=True)
+    joint = FREE._replace(inertia=0.02, damping=damping, stiffness=gains.stiffness, gain=gains.damping)
+    q, _ = move(joint=joint, inertia=0.02, load=lambda _: 0.0, start=0.1, step=step, duration=0.2)
+    rate = max(np.roots([0.02, 11.0 + damping, 540.0]).real)
+    assert np.log(q[-1] / q[-6]) / (5.0 * step) == pytest.approx(rate, rel=0.005)
+
+
+def test_a_servo_that_oscillates_keeps_its_gains() -> None:
+    gains = ServoGains(540.0, 2.0)
+    assert implicit_servo(gains, 0.05, 0.0, 0.005) == gains
 
 
 def test_a_saturated_servo_accelerates_with_its_limit() -> None:

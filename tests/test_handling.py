@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.constants import GRAVITY
 from mirdrake.runs.simulation import Simulation
+from tests.ground_rigs import drive as on_ground_drive
 from tests.handling_rigs import HANDLING, EnergyWatch, free_handling, rolling_car
 from tests.tyre_rigs import make_slope
 
@@ -54,6 +56,24 @@ def test_energy_lost_in_a_turn_is_dissipated_by_tyres_and_dampers(tmp_path, name
     lost, dissipated = watch.stored[-1] - watch.stored[0], watch.taken[-1] + watch.steered[-1]
     assert lost < -0.02 * watch.stored[0]
     assert dissipated == pytest.approx(lost, rel=0.01)
+
+
+@pytest.mark.parametrize("contact", ["point", "tyre"])
+def test_the_pose_is_the_integral_of_the_velocities(tmp_path, contact):
+    """A step of the steering with time steps of 10 ms; half a step would be 1e-3 rad, 0.1 m ahead and 0.03 m aside."""
+    signals = on_ground_drive(tmp_path, duration=2.0, contact=contact, step=0.01, speed=20.0, steering=0.03)
+    names = ("roll", "pitch", "yaw", "vx", "vy", "vz", "wy", "wz", "x", "y")
+    roll, pitch, yaw, vx, vy, vz, wy, wz, x, y = (signals[f"ego.{name}"].to_numpy() for name in names)
+    assert yaw[-1] > 0.2
+    turn = (wy * np.sin(roll) + wz * np.cos(roll)) / np.cos(pitch)
+    # Velocity in horizontal axes along the heading.
+    left = vy * np.cos(roll) - vz * np.sin(roll)
+    ahead = vx * np.cos(pitch) + (vy * np.sin(roll) + vz * np.cos(roll)) * np.sin(pitch)
+    rates = turn, ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)
+    for position, rate, tolerance in zip((yaw, x, y), rates, (1e-5, 1e-9, 1e-9), strict=True):
+        moved = cumulative_trapezoid(rate, signals.index, initial=0.0)
+        assert position - position[0] == pytest.approx(moved, abs=tolerance)
+    assert [x[0], y[0]] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 # --- standstill and walking pace ---------------------------------------------------------------------------------

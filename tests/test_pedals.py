@@ -103,7 +103,7 @@ def steering_of(vehicle: Vehicle, count: int = 12) -> np.ndarray:
     for number in range(count):
         context.SetTime(0.02 * number)
         control.command.FixValue(context, [0.0, 0.2, 0.02 * number])
-        context.SetDiscreteState(control.EvalUniquePeriodicDiscreteUpdate(context))
+        control._update(context, context.get_mutable_state())
         desired = control.desired_state.Eval(context)[: len(control.desired_state.Eval(context)) // 2]
         angles.append(np.abs(desired).max())
     return np.array(angles)

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 import mirdrake as mir
 from mirdrake.core.errors import ModelError
-from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+from mirdrake.plant.plant import PlantSpec, add_vehicle, make_plant, set_start
 from mirdrake.sensors.ground_truth import GroundTruth, vehicle_state
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
@@ -35,6 +35,34 @@ def test_each_part_alone_with_plain_drake():
     assert steering.GetInputPort("steering").size() == 1
     assert plant.CalcTotalMass(plant.CreateDefaultContext(), [bolt.instance]) == pytest.approx(1616.0)
     Simulator(diagram).AdvanceTo(0.01)
+
+
+@pytest.mark.parametrize("name", ["bolt@handling", "unior@handling"])
+@pytest.mark.parametrize("step", [0.01, 0.0025])
+def test_a_steering_servo_has_its_time_constant_at_any_step(name: str, step: float) -> None:
+    """Wheels in the air: the slow solution of I λ² + (d + D) λ + k = 0, with I from the mass matrix."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, step)
+    part = add_vehicle(plant, name, contact="point")
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
+    plant.Finalize()
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    actuators = plant.num_actuators()
+    plant.get_actuation_input_port(part.instance).FixValue(context, np.zeros(actuators))
+    plant.get_desired_state_input_port(part.instance).FixValue(context, np.zeros(2 * actuators))
+    for joint in part.steering:
+        joint.set_angle(context, 0.01)
+    joint = part.steering[0]
+    inertia = 1.0 / np.linalg.inv(plant.CalcMassMatrix(context))[joint.velocity_start(), joint.velocity_start()]
+    (servo, _) = part.vehicle.control.steering_servos()
+    assert servo is not None
+    rate = max(np.roots([inertia, servo.damping + joint.default_damping(), servo.stiffness]).real)
+    angles = []
+    for time in (0.1, 0.15):
+        simulator.AdvanceTo(time)
+        angles.append(joint.get_angle(context))
+    assert np.log(angles[1] / angles[0]) / 0.05 == pytest.approx(rate, rel=0.01)
 
 
 def test_a_plant_without_a_scene_graph_is_rejected():

@@ -39,8 +39,7 @@ def step(unit, context, *, times=1):
     """Run the periodic update, 20 ms apart."""
     _, control = unit
     for _ in range(times):
-        update = control.EvalUniquePeriodicDiscreteUpdate(context)
-        context.get_mutable_discrete_state().SetFrom(update)
+        control._update(context, context.get_mutable_state())
         context.SetTime(context.get_time() + 0.02)
 
 
@@ -128,7 +127,7 @@ def test_machine_code_does_the_same_to_the_bit(name):
             control.plant_state.FixValue(context, state)
             stamp = -1.0 if 30 < k < 45 else context.get_time()  # no message for a while
             control.command.FixValue(context, [random.uniform(-2.0, 6.0), random.uniform(-0.6, 0.6), stamp])
-            context.get_mutable_discrete_state().SetFrom(control.EvalUniquePeriodicDiscreteUpdate(context))
+            control._update(context, context.get_mutable_state())
             context.SetTime(context.get_time() + 1.0 / parts.vehicles["ego"].vehicle.control.rate)
             values = context.get_discrete_state()
             states.append(np.concatenate([values.get_vector(i).value() for i in range(values.num_groups())]))

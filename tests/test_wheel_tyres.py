@@ -260,10 +260,14 @@ def test_the_length_of_the_step_does_not_change_the_curve(bolt, kind):
 
 
 def test_the_length_of_the_step_does_not_change_how_far_a_car_drifts_before_it_turns(bolt):
-    """The heading must not run ahead of the velocity while the yaw rate changes: 3 % of it at steps of 10 ms."""
-    runs = [steer(bolt("brush"), angle=0.05, duration=0.8, contact="point", time_step=step) for step in (0.0025, 0.01)]
-    fine, coarse = (run["ego.vy"].min() for run in runs)
-    assert coarse == pytest.approx(fine, rel=5e-3)
+    """The error is of second order: a quarter of it for half the step, below 0.25 % at 5 ms."""
+    runs = [
+        steer(bolt("brush"), angle=0.05, duration=0.8, contact="point", time_step=step)
+        for step in (0.01, 0.005, 0.0025)
+    ]
+    coarse, middle, fine = (run["ego.vy"].min() for run in runs)
+    assert middle == pytest.approx(fine, rel=2.5e-3)
+    assert coarse - middle == pytest.approx(4.0 * (middle - fine), rel=0.3)
 
 
 @pytest.mark.parametrize("step", [0.0025, 0.005])

@@ -93,6 +93,7 @@ class Watch:
     def __init__(self, assembly: Assembly) -> None:
         self._plant, self._tyres = assembly.parts.plant, assembly.tyres["ego"]
         self._places = wheel_places(assembly.parts.vehicles["ego"])
+        self._period = assembly.parts.vehicles["ego"].period
         self.times: list[float] = []
         self.states: list[list[float]] = []
         self.forces: list[np.ndarray] = []
@@ -106,12 +107,12 @@ class Watch:
 
     def motions(self, index: int) -> list[WheelMotion]:
         """Return the wheels' motions after a step."""
-        return motions(self._plant.num_positions(), self.states[index], self._places)
+        return motions(self._plant.num_positions(), self.states[index], self._places, self._period)
 
 
-def motions(positions: int, state: Sequence[float], places: Sequence[Any]) -> list[WheelMotion]:
-    """Return motions of the wheels of one vehicle in a state of the plant."""
-    base = base_motion(state, places[0].base, positions)
+def motions(positions: int, state: Sequence[float], places: Sequence[Any], period: float = 0.0) -> list[WheelMotion]:
+    """Return motions of the wheels of one vehicle in a state of the plant with a time step [s]."""
+    base = base_motion(state, places[0].base, positions, period)
     return [wheel_motion(state, wheel_place, base, positions) for wheel_place in places]
 
 

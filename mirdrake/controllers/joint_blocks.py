@@ -6,7 +6,7 @@ See :mod:`mirdrake.controllers.control_blocks`.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, State
 
 from mirdrake.controllers.control_blocks import SLOPE, SPEED, STEERING, BlockGains, ControlBlock
 from mirdrake.core.checks import check_number
@@ -338,7 +338,8 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._pedals = self.DeclareDiscreteState(len(PEDALS))
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
+        # As in VehicleControl: before the discrete updates, so that the outputs act in the step that begins now.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self.period, 0.0, self._update)
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
         """Output the first sample; the status is the measured speed and steering angle."""
@@ -346,7 +347,8 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
         start = [self.inputs[name].Eval(context).item() for name in ("measured_speed", "measured_steering")]
         state.set_value(self._status, [*start, 0.0])
 
-    def _update(self, context: Context, state: DiscreteValues) -> None:
+    def _update(self, context: Context, values: State) -> None:
+        state = values.get_mutable_discrete_state()
         self._sample(context, state)
         speed, steering = (self.inputs[name].Eval(context).item() for name in ("speed", "steering"))
         port = self.inputs.get("correction")

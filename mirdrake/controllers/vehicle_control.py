@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, State
 
 from mirdrake.controllers.ackermann import AxleGeometry, SteeringGeometry, SteeringLaw, make_steering_law
 from mirdrake.controllers.command import CommandLimits, CommandState
@@ -349,7 +349,9 @@ class VehicleControl(ControlUnit):
             self._pedals = self.DeclareDiscreteState(len(PEDALS))
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+        # Drake makes unrestricted updates before discrete ones, so the outputs act in the step that begins now. Else
+        # they would be late by the time step of the plant.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
 
     def _read_state(self, context: Context) -> Vector:
         x: Vector = self.plant_state.Eval(context)
@@ -369,7 +371,8 @@ class VehicleControl(ControlUnit):
         state.set_value(self._status, [speed, steering, 0.0])
         state.set_value(self._memory, memory)
 
-    def _update(self, context: Context, state: DiscreteValues) -> None:
+    def _update(self, context: Context, values: State) -> None:
+        state = values.get_mutable_discrete_state()
         x = self.plant_state.Eval(context)
         if not self._machine_code:
             self._write(state, self._step(context, x, context.get_discrete_state(self._memory).value()))

@@ -34,6 +34,7 @@ from mirdrake.manoeuvres.reduced import (
     Stop,
     alone,
 )
+from mirdrake.plant.plant import PlantSpec
 from mirdrake.runs.logs import RunWriter
 from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
@@ -128,6 +129,11 @@ class Rig:
         """
         return str(self.plant.get("contact", "point"))
 
+    @property
+    def _time_step(self) -> float:
+        """Return the time step of the plant [s]."""
+        return float(self.plant.get("time_step", PlantSpec().time_step))
+
     def with_step(self, time_step: float) -> "Rig":
         """Return the same rig with another time step of the plant [s], unless the user has set one."""
         return replace(self, plant={"time_step": time_step} | dict(self.plant))
@@ -218,7 +224,8 @@ class Rig:
                 "vehicles": {"ego": dict(entry)},
                 "control": {"ego": dict(driver)},
                 "plant": dict(self.plant) | {"contact": self.contact},
-                "record": {"rate": RATE, "meshcat": False, "report": False},
+                # Samples within a step would repeat those of its beginning.
+                "record": {"rate": min(RATE, 1.0 / self._time_step), "meshcat": False, "report": False},
                 "duration": duration,
                 "seed": self.seed,
             }

@@ -5,9 +5,9 @@ finalised. The road is one half space; its visual geometry is on top of it.
 """
 
 import re
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import cos, sin, sqrt
+from math import cos, expm1, sin, sqrt
 from typing import Literal
 
 import numpy as np
@@ -154,6 +154,7 @@ class VehicleInPlant:
         terrain: the ground that its tyres touch.
         period: time step of the plant [s].
         servos: gains of the wheels' and the steering's servos, if the plant itself does not solve them.
+        rate_gains: factor on the set-point of the rate of a steering joint, see :func:`implicit_servo`.
     """
 
     name: str
@@ -173,6 +174,7 @@ class VehicleInPlant:
     terrain: Terrain = FLAT
     period: float = 0.0
     servos: Mapping[JointIndex, ServoGains] = field(default_factory=dict)
+    rate_gains: Mapping[JointIndex, float] = field(default_factory=dict)
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
         """Return the compression of a front and a rear tyre at rest on level ground [m], in the finalised plant."""
@@ -354,6 +356,7 @@ def add_vehicle(
 
     # A discrete plant solves PD gains implicitly with the contact, so stiff servos are stable at any step.
     servos: dict[JointIndex, ServoGains] = {}
+    rate_gains: dict[JointIndex, float] = {}
     wheel_gains, driven = vehicle.control.wheel_servo(), vehicle.spec.driven_wheels()
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
@@ -367,9 +370,16 @@ def add_vehicle(
         if rotor > 0.0 and not parked:
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(rotor)
+    period = plant.time_step() if period is None else period
     for servo, actuator in zip(vehicle.control.steering_servos(), steering_actuators, strict=True):
         if servo is not None:
-            servos[actuator.joint().index()] = servo
+            joint = actuator.joint()
+            inertia = _carried_inertia(joint, wheels) + float(actuator.default_reflected_inertia())
+            damping, continuous = float(joint.default_damping()), not solves_joints(plant)
+            servos[joint.index()] = implicit_servo(servo, inertia, damping, period, continuous=continuous)
+            # The torque of the set-point of the rate is that of the servo's own damping.
+            if servos[joint.index()].damping > 0.0:
+                rate_gains[joint.index()] = servo.damping / servos[joint.index()].damping
     if solves_joints(plant):
         for joint_index, gains in servos.items():
             actuators[joint_index].set_controller_gains(PdControllerGains(p=gains.stiffness, d=gains.damping))
@@ -420,9 +430,63 @@ def add_vehicle(
         patches=(patches[0], patches[2]),
         parked=parked,
         suspension=_add_springs(plant, vehicle, instance),
-        period=plant.time_step() if period is None else period,
+        period=period,
         servos={} if solves_joints(plant) else servos,
+        rate_gains=rate_gains,
     )
+
+
+def implicit_servo(
+    servo: ServoGains, inertia: float, damping: float, period: float, *, continuous: bool = False
+) -> ServoGains:
+    """Return the gains with which an implicit step has the time constant of a servo.
+
+    A step of length dt gives the error q of a joint, and its rate v at the beginning of the step,
+
+        (I / dt + c + D) Δv = -k q - (c + D) v,    c = d + k dt,
+
+    with the damping D of the joint: Drake's contact solver solves a servo so. A decaying error z^n then has
+
+        c + D = {k z dt + I (1 - z)² / dt} / {z (1 - z)}.
+
+    With the servo's own d the error decays too slowly, by k dt / (2 d). The d of this c has z = exp(λ dt) with the
+    slow solution of I λ² + (d + D) λ + k = 0. A continuous plant takes D at the mean of both rates
+    (:mod:`mirdrake.plant.wheels.joint_step`), hence D (1 + z) / (2 z). A servo that oscillates keeps its gains.
+
+    Args:
+        servo: gains of the servo.
+        inertia: inertia about the joint [kg m²].
+        damping: of the joint [N m s/rad].
+        period: length of the step [s].
+        continuous: whether the plant is continuous.
+    """
+    k, d = servo.stiffness, servo.damping + damping
+    square = d * d - 4.0 * k * inertia
+    if k == 0.0 or square <= 0.0 or period == 0.0:
+        return servo
+    decay = -expm1(-2.0 * k / (d + sqrt(square)) * period)  # 1 - z
+    z = 1.0 - decay
+    total = k * period / decay + inertia * decay / (period * z)
+    own = total - damping * (0.5 * (1.0 + z) / z if continuous else 1.0)
+    return ServoGains(k, max(own - k * period, 0.0))
+
+
+def _carried_inertia(steering: Joint, wheels: Sequence[Joint]) -> float:
+    """Return the inertia of a wheel and its carrier about their steering joint [kg m²]."""
+    carrier = steering.child_body()
+    total = carrier.default_spatial_inertia().ReExpress(RotationMatrix())  # a copy
+    for wheel in wheels:
+        if wheel.parent_body().index() == carrier.index():
+            X_CJ, X_WJ = (
+                frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child())
+            )
+            X_CW = X_CJ @ X_WJ.inverse()
+            own = wheel.child_body().default_spatial_inertia()
+            total += own.ReExpress(X_CW.rotation()).Shift(-X_CW.translation())
+    X_CS = steering.frame_on_child().GetFixedPoseInBodyFrame()
+    about = total.Shift(X_CS.translation()).CalcRotationalInertia().CopyToFullMatrix3()
+    axis = X_CS.rotation() @ steering.revolute_axis()
+    return float(axis @ about @ axis)
 
 
 def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanceIndex) -> tuple[Joint, ...]:
@@ -584,6 +648,8 @@ def set_start(
 ) -> None:
     """Put a vehicle on the road, with tyres and springs compressed as at rest, rolling freely straight ahead.
 
+    Positions of the plant lead its velocities by half a step: it is half a step ahead of its place.
+
     Args:
         plant: the finalised plant.
         context: the plant's context, changed.
@@ -605,14 +671,14 @@ def set_start(
         direction = R_WP.col(0)
     for joint, travel in zip(part.suspension, pose.travel, strict=False):
         joint.set_translation(context, travel)
-    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
+    velocity = speed * (np.array([cos(yaw), sin(yaw), 0.0]) if direction is None else direction)
+    ahead = RigidTransform(0.5 * part.period * velocity)
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, ahead @ X_WB)
 
     # The floating base has angular, then linear velocities, both in the world.
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()
-    velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
-    if direction is not None:
-        velocities[start + 3 : start + 6] = speed * direction
+    velocities[start : start + 6] = [0.0, 0.0, 0.0, *velocity]
     for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
         velocities[joint.velocity_start()] = 0.0 if part.parked else speed / radius
     plant.SetVelocities(context, velocities)

@@ -119,7 +119,7 @@ class Telemetry:
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7]
         twist = x[positions + part.base.floating_velocities_start_in_v() :][:6]
-        state = np.array(vehicle_state(pose, twist))
+        state = np.array(vehicle_state(pose, twist, part.period))
         for signal, values in zip(STATE, state, strict=True):
             self._put(columns, f"{name}.{signal.name}", values, signal.unit)
         for side, joint in zip(("left", "right"), part.steering, strict=True):

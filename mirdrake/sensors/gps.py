@@ -54,14 +54,15 @@ class Gps(SampledSensor):
         frame: mounting frame of the antenna; fixed to a body.
         mount: rate, noise, latency, dropout, datum and kind of fix.
         stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        period: time step of the plant [s], by half of which positions lead velocities.
     """
 
-    def __init__(self, frame: Frame, mount: "GpsMount", *, stream: int = 0) -> None:
+    def __init__(self, frame: Frame, mount: "GpsMount", *, stream: int = 0, period: float = 0.0) -> None:
         noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
         # Noise is added to the six measured values; latitude and longitude follow from them, so both agree.
         super().__init__(GPS, mount, stream=stream, initial=[nan] * 9, noise=Noise.of(noise, mount.rate))
         body, X_BS = mount_pose(frame)
-        self._datum, self._quality = mount.datum, QUALITY[mount.fix]
+        self._period, self._datum, self._quality = period, mount.datum, QUALITY[mount.fix]
         self._body, self._place = int(body.index()), X_BS.translation()
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = AbstractValue.Make([SpatialVelocity()])
@@ -76,7 +77,8 @@ class Gps(SampledSensor):
         X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
         # Velocity of a point fixed to the body: v_P = v_B + w x p_BP, all in the world frame.
         arm = X_WB.rotation().multiply(self._place)
-        return np.concatenate((X_WB.translation() + arm, V_WB.translational() + np.cross(V_WB.rotational(), arm)))
+        velocity = V_WB.translational() + np.cross(V_WB.rotational(), arm)
+        return np.concatenate((X_WB.translation() + arm - 0.5 * self._period * velocity, velocity))
 
     def report(self, values: Array) -> Array:
         """Return the reading and the position on the Earth [deg, deg, m] (9)."""
@@ -108,4 +110,5 @@ class GpsMount(SensorMount):
 
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
         """Return the GPS receiver."""
-        return Gps(parts.plant.GetFrameByName(self.frame, part.instance), self, stream=stream)
+        frame = parts.plant.GetFrameByName(self.frame, part.instance)
+        return Gps(frame, self, stream=stream, period=part.period)

@@ -45,6 +45,7 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, track: "Track | None" = None) -> None:
         super().__init__()
         self._track = track
+        self._period = part.period
         positions = plant.num_positions()
         # Indices are found once; the outputs read the state vector directly.
         self._pose = part.base.floating_positions_start()
@@ -62,7 +63,7 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _calc_state(self, context: Context, output: BasicVector) -> None:
         x = self.plant_state.Eval(context)
         pose, twist = x[self._pose : self._pose + 7].tolist(), x[self._twist : self._twist + 6].tolist()
-        output.SetFromVector(vehicle_state(pose, twist))
+        output.SetFromVector(vehicle_state(pose, twist, self._period))
 
     def _calc_path(self, context: Context, output: BasicVector) -> None:
         assert self._track is not None
@@ -92,12 +93,13 @@ class TruthSensor(SampledSensor):
         frame: fixed to a body.
         mount: rate, latency and dropout.
         stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        period: time step of the plant [s], see :func:`vehicle_state`.
     """
 
-    def __init__(self, frame: Frame, mount: "GroundTruthMount", *, stream: int = 0) -> None:
+    def __init__(self, frame: Frame, mount: "GroundTruthMount", *, stream: int = 0, period: float = 0.0) -> None:
         super().__init__(STATE, mount, stream=stream, initial=[0.0] * len(STATE))
         body, self._X_BS = mount_pose(frame)
-        self._body = int(body.index())
+        self._body, self._period = int(body.index()), period
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = AbstractValue.Make([SpatialVelocity()])
         self.body_velocities = self.DeclareAbstractInputPort("body_spatial_velocities", velocities)
@@ -109,15 +111,20 @@ class TruthSensor(SampledSensor):
         X_WS, turn = X_WB.multiply(self._X_BS), V_WB.rotational()
         velocity = V_WB.translational() + np.cross(turn, X_WS.translation() - X_WB.translation())
         pose = (*X_WS.rotation().ToQuaternion().wxyz(), *X_WS.translation())
-        return np.array(vehicle_state([float(value) for value in pose], [*turn.tolist(), *velocity.tolist()]))
+        twist = [*turn.tolist(), *velocity.tolist()]
+        return np.array(vehicle_state([float(value) for value in pose], twist, self._period))
 
 
-def vehicle_state(pose: Sequence[Any] | Array, twist: Sequence[Any] | Array) -> list[Any]:
+def vehicle_state(pose: Sequence[Any] | Array, twist: Sequence[Any] | Array, period: float = 0.0) -> list[Any]:
     """Return the state vector of a floating body, or those of many poses as 12 arrays.
+
+    In each step of a plant the velocities at its end move the bodies, so that positions lead velocities by half a step.
+    The pose of the state is that of its velocities: it is moved back by half a step.
 
     Args:
         pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7), or an array (7 x n).
         twist: angular velocity w_WB_W [rad/s] and velocity v_WB_W [m/s] (6), or an array (6 x n).
+        period: time step of the plant [s]; zero: the pose is not moved.
 
     Returns:
         the 12 numbers of :data:`mirdrake.core.vectors.STATE`; roll, pitch, yaw as in Drake's RollPitchYaw.
@@ -127,10 +134,19 @@ def vehicle_state(pose: Sequence[Any] | Array, twist: Sequence[Any] | Array) -> 
     arrays = isinstance(pose, np.ndarray)
     functions: Any = (np.sqrt, np.arctan2, np.arcsin) if arrays else (sqrt, atan2, asin)
     root, angle, tilt = functions
-    norm = root(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
-    w, i, j, k = w / norm, i / norm, j / norm, k / norm
     # Drake's order: angular velocity before linear velocity, both in the world frame.
     ax, ay, az, vx, vy, vz = twist
+    back = 0.5 * period
+    if back > 0.0:
+        x, y, z, turn = x - back * vx, y - back * vy, z - back * vz, 0.5 * back
+        w, i, j, k = (
+            w + turn * (ax * i + ay * j + az * k),
+            i - turn * (ax * w + ay * k - az * j),
+            j - turn * (ay * w + az * i - ax * k),
+            k - turn * (az * w + ax * j - ay * i),
+        )
+    norm = root(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
+    w, i, j, k = w / norm, i / norm, j / norm, k / norm
     xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)  # rows of R_WB
     yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)
     zx, zy, zz = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
@@ -159,4 +175,4 @@ class GroundTruthMount(SensorMount):
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> TruthSensor:
         """Return the ground-truth sensor."""
         frame = parts.plant.GetFrameByName(self.frame, part.instance)
-        return TruthSensor(frame, self, stream=stream)
+        return TruthSensor(frame, self, stream=stream, period=part.period)

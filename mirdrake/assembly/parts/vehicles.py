@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydrake.systems.framework import InputPort, System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
+import numpy as np
+from pydrake.systems.framework import InputPort, OutputPort, System
+from pydrake.systems.primitives import Demultiplexer, Gain, Multiplexer, PassThrough
 
 from mirdrake.assembly.diagram_spec import SPLIT, DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
@@ -48,7 +49,7 @@ def add_vehicle_systems(
     wiring.add(f"{name}.truth", truth)
     wiring.add(f"{name}.join", join)
     wiring.link(plant.get_state_output_port(), truth.plant_state)
-    set_points = control.GetOutputPort("desired_state")
+    set_points = _set_points(wiring, part, control)
     if solves_joints(plant):
         wiring.link(set_points, plant.get_desired_state_input_port(part.instance))
     else:
@@ -126,6 +127,22 @@ def add_vehicle_systems(
         if f"{name}.{port.get_name()}" in wiring.sources:
             wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
     return track
+
+
+def _set_points(wiring: Wiring, part: VehicleInPlant, control: System) -> OutputPort:
+    """Return the set-points of the servos; those of rates are adapted to the time step of the plant."""
+    port: OutputPort = control.GetOutputPort("desired_state")
+    if not part.rate_gains:
+        return port
+    gains = np.ones(port.size())
+    actuators = (*part.wheel_actuators, *part.steering_actuators)
+    first = min(actuator.input_start() for actuator in actuators)
+    for actuator in actuators:
+        gains[port.size() // 2 + actuator.input_start() - first] = part.rate_gains.get(actuator.joint().index(), 1.0)
+    scaled = Gain(gains)
+    wiring.add(f"{part.name}.set_points", scaled)
+    wiring.link(port, scaled.get_input_port())
+    return scaled.get_output_port()
 
 
 def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> InputPort:

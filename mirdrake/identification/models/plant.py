@@ -344,7 +344,7 @@ class PlantModel(SimulatedModel):
         """Return the sensor readings by channel, from states of the plant (states, n)."""
         part = self._part
         start = self.assembly.parts.plant.num_positions() + part.base.floating_velocities_start_in_v()
-        state = vehicle_state(x[part.base.floating_positions_start() :][:7], x[start:][:6])
+        state = vehicle_state(x[part.base.floating_positions_start() :][:7], x[start:][:6], part.period)
         vx, vy, turn = state[6], state[7], state[11]
         ahead = float(self._whole.com[0])
         slopes = [np.gradient(values, self._sample) for values in (vx, vy, turn)]

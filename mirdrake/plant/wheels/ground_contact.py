@@ -443,7 +443,6 @@ def add_ground_force(
     forces: tuple[float, float, float],
     mz: float,
     resistance: float,
-    turn: float,
     brake: float,
     mx: float,
 ) -> None:
@@ -456,13 +455,10 @@ def add_ground_force(
         forces: forces at the contact centre, ahead, to the left, along the normal (3) [N].
         mz: moment about the normal [N m].
         resistance: moment about the axle [N m], of which the carrier bears nothing.
-        turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
         brake: torque of the brake on the spin [N m].
         mx: overturning moment, about the direction ahead [N m].
     """
     fx, fy, fz = forces
-    # Force in the world. Its rotation by half a step is for the vehicle; the spin below takes the unrotated Fx.
-    fx, fy = fx - turn * fy, fy + turn * fx
     (tx, ty, tz), (lx, ly, lz), (nx, ny, nz) = contact.ahead, contact.left, contact.normal
     x, y, z = fx * tx + fy * lx + fz * nx, fx * ty + fy * ly + fz * ny, fx * tz + fy * lz + fz * nz
     rx, ry, rz = contact.arm_base
@@ -474,7 +470,7 @@ def add_ground_force(
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += z
-    force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * forces[0] + resistance
+    force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * fx + resistance
 
     # Steering joint: moment about its axis, at the kingpin. Suspension: force along the path of the wheel, and moments
     # that turn the wheel carrier with the travel.

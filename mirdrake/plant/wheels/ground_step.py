@@ -32,7 +32,6 @@ from mirdrake.plant.wheels.step import (
     pivoting,
     rolling_moment,
     slip_forces,
-    turn_along,
 )
 from mirdrake.plant.wheels.tyre_nodes import NODE_PARTS, TyreNodes, find_tyre
 from mirdrake.tyres.relaxation import Contact, Motion
@@ -64,9 +63,8 @@ class GroundMemory(NamedTuple):
         torque: torque of motor, brake and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
-        bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
+        bend: mean slip velocity in the step, less the mean of its ends [m/s].
         begun: zero at the start, then 1.
-        turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
         rise: vertical velocity of the wheel centre [m/s].
     """
@@ -82,7 +80,6 @@ class GroundMemory(NamedTuple):
     kappa: float
     bend: float
     begun: float
-    turning: float
     twist: float
     rise: float
 
@@ -148,7 +145,7 @@ def ground_step(
     period = car.period
     for i in range(len(force)):
         force[i] = 0.0
-    base = base_motion(x, wheels[0].wheel.place.base, car.positions)
+    base = base_motion(x, wheels[0].wheel.place.base, car.positions, period)
     for i in range(len(wheels)):
         tyre, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         wheel = tyre.wheel
@@ -218,7 +215,6 @@ def ground_step(
         # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
         twist, moment = pivoting(wheel, load, before.twist, contact.turn, now.vx, patch, period)
         resistance = rolling_moment(wheel, load, contact.rolling, contact.spin)
-        # Forces turn with the vehicle to the middle of the step, by half of its yaw per step.
         add_ground_force(
             force,
             wheel.place,
@@ -226,7 +222,6 @@ def ground_step(
             (fx, fy, load),
             mz + moment,
             resistance,
-            0.5 * period * base.turning[2],
             torque - drive,
             patch.overturning + patch.overturning_by_fy * fy,
         )
@@ -240,7 +235,7 @@ def ground_step(
             force[wheel.place.spin] -= joints[i].damping * change
             kept.torque += motor - effort - joints[i].damping * change
 
-        kept.begun, kept.turning, kept.twist, kept.rise = 1.0, base.turning[2], twist, contact.rise
+        kept.begun, kept.twist, kept.rise = 1.0, twist, contact.rise
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (
             fx,
             fy,
@@ -262,9 +257,6 @@ def ground_step(
         joints_after,
         actuation,
     )
-    # In the first step there is no earlier yaw rate to compare with.
-    if memories[0].begun > 0.0:
-        turn_along(force, wheels[0].wheel.place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
 

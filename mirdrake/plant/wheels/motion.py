@@ -155,13 +155,17 @@ class BaseMotion(NamedTuple):
     velocity: tuple[float, float, float]
 
 
-def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
+def base_motion(x: Sequence[float], base: Index, positions: int, period: float = 0.0) -> BaseMotion:
     """Return the motion of the vehicle frame from the plant's state.
+
+    The heading of a plant that makes steps leads its velocities by half a step. The velocity is therefore rotated by
+    half of the yaw per step, so that its components in the vehicle frame are right.
 
     Args:
         x: positions and velocities of the plant.
         base: floating base.
         positions: number of the plant's positions.
+        period: step of the plant [s]; zero: velocities as they are.
     """
     q, v = base[0], positions + base[1]
     w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
@@ -172,7 +176,9 @@ def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
         ((i * k - w * j) / half, (j * k + w * i) / half, 1.0 - (i * i + j * j) / half),
     )
     place = (x[q + 4], x[q + 5], x[q + 6])
-    return BaseMotion(rows, place, (x[v], x[v + 1], x[v + 2]), (x[v + 3], x[v + 4], x[v + 5]))
+    turn = 0.5 * period * x[v + 2]
+    velocity = (x[v + 3] - turn * x[v + 4], x[v + 4] + turn * x[v + 3], x[v + 5])
+    return BaseMotion(rows, place, (x[v], x[v + 1], x[v + 2]), velocity)
 
 
 class WheelPose(NamedTuple):
@@ -289,7 +295,6 @@ def add_road_force(
     fy: float,
     mz: float,
     fz: float = 0.0,
-    turn: float = 0.0,
     resistance: float = 0.0,
     brake: float = 0.0,
     mx: float = 0.0,
@@ -304,15 +309,12 @@ def add_road_force(
         fy: the same to the left [N].
         mz: moment about the vertical [N m].
         fz: force upwards, beyond that of the plant's contact [N].
-        turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
         resistance: moment about the axle [N m], of which the carrier bears nothing.
         brake: torque of the brake on the spin [N m].
         mx: overturning moment, about the direction ahead [N m].
     """
     along, minus_across = motion.ahead
-    # Force in the world, rotated to the middle of the step; the spin below takes the unrotated Fx.
     x, y = fx * along - fy * minus_across, fx * minus_across + fy * along
-    x, y = x - turn * y, y + turn * x
     rx, ry, rz = motion.arm_base
     base = wheel.base[1]
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.

@@ -1,13 +1,13 @@
 """One step of the tyres of a vehicle; :mod:`mirdrake.core.compiled` compiles it.
 
 One step has the length dt. The deflections of the tyres are advanced to the present time with the mean slip velocity of
-the last step, and on to the middle of this step. The law is evaluated there, and the forces are rotated with the
-vehicle to there. With the explicit steps of the plant this is a leap-frog scheme, which neither damps nor excites
-oscillations of the vehicle on its tyres. Two first-order errors of the plant are compensated:
+the last step, and on to the middle of this step. The law is evaluated there. With the explicit steps of the plant this
+is a leap-frog scheme, which neither damps nor excites oscillations of the vehicle on its tyres. Two properties of the
+plant would cause first-order errors:
 
-- The plant yaws the vehicle with the yaw rate ψ' at the end of a step, so that the heading leads the velocity by
-  ψ' dt / 2. In a steady turn this has no effect, but it is a spurious slip whenever ψ' changes. The velocity v of the
-  vehicle is therefore rotated, too, by the lateral force m v Δψ' / 2.
+- The plant moves the vehicle with the velocities at the end of a step, so that positions lead velocities by half a
+  step. The heading is then that of the middle of a step, where the forces act, and slip velocities are those of a
+  vehicle that is turned back by ψ' dt / 2, with the yaw rate ψ' (:func:`base_motion`).
 - The plant applies the load at the end of a step, which damps the vehicle on its tyres by their stiffness times dt / 2,
   many times the damping of rubber. The difference to the load in the middle is subtracted.
 
@@ -17,23 +17,15 @@ characteristic (:mod:`mirdrake.plant.wheel_shape`); the difference is added as w
 centre; the moment that the contact shape of an inclined wheel has about it is subtracted.
 
 The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
-of 10 ms would be unstable. Its change over the step is therefore predicted, linearly implicit::
+of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the secant slip stiffness
+S = F' / κ' of the step before, are therefore solved exactly::
 
-    (I / dt + h S b) Δω = T + M_drive + M_brake - h {F' + S (κ - κ')},     κ(Δω) = κ + b Δω
+    (I / h) s' = T + M_drive + M_brake - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
 
-with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at
-the middle of the step, and T the torque from other sources (servo, bearing, rolling resistance, pitch of the body). T
-is the part of the last change of ω that the other terms do not explain. The law is evaluated at the slip in the middle,
-κ + b Δω; this is the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero,
-whatever T is.
-
-The brush of a Coulomb tyre is so stiff and so damped that the trapezoidal rule would oscillate in steps of 10 ms. There
-the equations of spin and deflection, linear in the step with the secant stiffness S, are solved exactly::
-
-    (I / h) s' = T - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
-
-with the slip velocity s = h ω - Vx. The law is evaluated at the slip that gives the mean of F. The mean of s, which
-deflects the tyre, is not that of both ends of the step; their difference is remembered.
+with the spin inertia I, the rolling radius h, the slip velocity s = h ω - Vx, and T the torque from other sources
+(servo, bearing, rolling resistance, pitch of the body). T is the part of the last change of ω that the other terms do
+not explain. The law is evaluated at the slip that gives the mean of F. The mean of s, which deflects the tyre, is not
+that of both ends of the step; their difference is remembered. In steady motion s is constant, whatever T is.
 
 The curve of a tyre at its load is interpolated (:mod:`mirdrake.plant.wheels.tyre_nodes`). That of a Coulomb tyre is
 proportional to the load, so one curve is sufficient.
@@ -54,13 +46,13 @@ alone).
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, cos, exp, expm1, inf, sin, sqrt, tanh
+from math import atan, cos, exp, inf, sin, sqrt, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
 from mirdrake.plant.wheel_shape import TREAD, patch_size
 from mirdrake.plant.wheels import motion as wheel_motion
-from mirdrake.plant.wheels.motion import BaseMotion, WheelMotion, WheelPlace, add_road_force, base_motion
+from mirdrake.plant.wheels.motion import WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
 from mirdrake.plant.wheels.tyre_nodes import NODE_PARTS, TyreNodes, find_tyre
 from mirdrake.tyres import relaxation
@@ -131,14 +123,10 @@ class SpinningCar(NamedTuple):
     Attributes:
         period: step of the plant [s].
         positions: number of the plant's positions.
-        mass: mass of the vehicle [kg].
-        centre: its centre of mass in B, suspension at rest [m].
     """
 
     period: float
     positions: int
-    mass: float
-    centre: tuple[float, float, float]
 
 
 class Memory(NamedTuple):
@@ -154,9 +142,8 @@ class Memory(NamedTuple):
         torque: torque of motor, brake and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
-        bend: mean slip velocity in the step, less the mean of its ends [m/s]; of Coulomb tyres.
+        bend: mean slip velocity in the step, less the mean of its ends [m/s].
         begun: zero at the start, then 1.
-        turning: yaw rate of the vehicle [rad/s].
         twist: angle by which the contact patch is twisted [rad].
     """
 
@@ -171,7 +158,6 @@ class Memory(NamedTuple):
     kappa: float
     bend: float
     begun: float
-    turning: float
     twist: float
 
 
@@ -217,7 +203,7 @@ def tyre_step(
     car, known = cars[0], True
     for i in range(len(force)):
         force[i] = 0.0
-    base = base_motion(x, wheels[0].place.base, car.positions)
+    base = base_motion(x, wheels[0].place.base, car.positions, car.period)
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         period, contact_then = car.period, curve.contact
@@ -275,19 +261,15 @@ def tyre_step(
             fy,
             mz + moment,
             elastic - borne,
-            0.5 * period * base.turning[2],
             resistance,
             torque - drive,
             contact.overturning + contact.overturning_by_fy * fy - moment_x,
         )
         force[wheel.place.spin] += torque - effort
-        kept.begun, kept.turning, kept.twist = 1.0, base.turning[2], twist
+        kept.begun, kept.twist = 1.0, twist
         logged[i, 0], logged[i, 1], logged[i, 2] = fx, fy, mz + moment
         logged[i, 3], logged[i, 4] = kappa, atan(tan_alpha)
         resistances[i], tyre_load[i] = resistance, load
-    # In the first step there is no earlier yaw rate to compare with.
-    if memories[0].begun > 0.0:
-        turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
 
@@ -341,15 +323,13 @@ def slip_forces(
     middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
     kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
 
-    # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
+    # Slip for the mean force, with the spin changed by drive, brake and road.
     mobile = inf if wheel.held else wheel.inertia / period + damping
     bend = 0.0
-    if not wheel.held and wheel.coulomb:
-        kappa, bend = _sticking_slip(
+    if not wheel.held:
+        kappa, bend = _mean_slip(
             before, deflection, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
         )
-    elif not wheel.held:
-        kappa += _slip_change(before, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period)
     # Forces at this slip, and the torque of the brake.
     fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
     fx, fy, mz = scale * fx, scale * fy, scale * mz
@@ -404,21 +384,6 @@ def rolling_moment(wheel: Any, load: float, radius: float, spin: float) -> float
     return moment
 
 
-def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
-    """Add the force m v Δψ' / 2 at the centre of mass, to the left of its velocity; see the head of the module."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
-    # Arm and velocity of the centre of mass, in the world; the force is horizontal and perpendicular to the velocity.
-    cx, cy, cz = car.centre[0], car.centre[1], car.centre[2]
-    rx, ry, rz = xx * cx + xy * cy + xz * cz, yx * cx + yy * cy + yz * cz, zx * cx + zy * cy + zz * cz
-    rate, push = base.turning[2], 0.5 * car.mass * change
-    x, y = -push * (base.velocity[1] + rate * rx), push * (base.velocity[0] - rate * ry)
-    force[first] -= rz * y
-    force[first + 1] += rz * x
-    force[first + 2] += rx * y - ry * x
-    force[first + 3] += x
-    force[first + 4] += y
-
-
 def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, float, float, float]:
     """Return the load of a tyre in mid-step, and load and overturning moment of Drake's contact at the end of the step.
 
@@ -454,7 +419,7 @@ def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, f
     return load, elastic, borne, borne * (left - motion.z * sine / cosine)
 
 
-def _sticking_slip(
+def _mean_slip(
     before: Any,
     deflection: Deflection,
     spin: float,
@@ -468,10 +433,25 @@ def _sticking_slip(
     mobile: float,
     period: float,
 ) -> tuple[float, float]:
-    """Return the slip of a Coulomb tyre for the mean force of a step, and the mean of s less that of its ends [m/s].
+    """Return the slip for the mean force of a step, and the mean of s less that of its ends [m/s].
 
-    Arguments as in :func:`_slip_change`, and the deflection now; see the head of the module.
+    See the head of the module.
+
+    Args:
+        before: the step before.
+        deflection: deflections now.
+        spin: rate now [rad/s].
+        kappa: slip in mid-step at constant spin [1].
+        contact: the tyre.
+        now: motion of the contact point.
+        settings: behaviour at low speed.
+        radius: radius of the wheel [m].
+        torque: torque on the spin without brake and road [N m].
+        brake: largest torque of the brake [N m].
+        mobile: I / dt [N m s/rad].
+        period: step of the plant [s].
     """
+    # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
     secant = contact.stiffness_x
     if abs(before.kappa) > _SMALL:
         secant = max(0.0, min(secant, before.fx / before.kappa))
@@ -520,55 +500,6 @@ def _sticking_slip(
     return before.kappa + (force - before.fx) / secant, mean - 0.5 * change
 
 
-def _slip_change(
-    before: Any,
-    spin: float,
-    kappa: float,
-    contact: Contact,
-    now: Motion,
-    settings: RelaxationSettings,
-    radius: float,
-    torque: float,
-    brake: float,
-    mobile: float,
-    period: float,
-) -> float:
-    """Return the change of the slip in the middle of the step by the change of the spin; see the head of the module.
-
-    Args:
-        before: the step before.
-        spin: rate now [rad/s].
-        kappa: slip at constant spin [1].
-        contact: the tyre.
-        now: motion of the contact point.
-        settings: behaviour at low speed.
-        radius: radius of the wheel [m].
-        torque: torque on the spin without brake and road [N m].
-        brake: largest torque of the brake [N m].
-        mobile: I / dt [N m s/rad].
-        period: step of the plant [s].
-    """
-    if contact.stiffness_x <= 0.0:
-        return 0.0
-    # b = ∂κ/∂ω in the middle: relaxation over half a step, and the damper that acts at once.
-    passed = 0.5 * period * abs(now.vx) / contact.length_x
-    share = -expm1(-passed) / passed if passed > _SMALL else 1.0
-    damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
-    damper = damping / contact.stiffness_x
-    # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
-    stiffness = contact.stiffness_x
-    if abs(before.kappa) > _SMALL:
-        stiffness = max(0.0, min(stiffness, before.fx / before.kappa))
-    slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
-    inertia = mobile + radius * stiffness * slope
-
-    # Road force linearised about the last step; a brake gives at most the torque that stops the wheel.
-    torque -= radius * (before.fx + stiffness * (kappa - before.kappa))
-    if brake > 0.0:
-        torque += max(-brake, min(brake, -inertia * spin - torque))
-    return slope * torque / inertia
-
-
 STEP_PARTS = (
     *relaxation.STEP_PARTS,
     *wheel_motion.STEP_PARTS,
@@ -579,8 +510,6 @@ STEP_PARTS = (
     pivoting,
     limited_effort,
     rolling_moment,
-    _slip_change,
-    _sticking_slip,
-    turn_along,
+    _mean_slip,
 )
 """Functions that :func:`tyre_step` calls, without the law."""

@@ -189,12 +189,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
     def __init__(self, plant: MultibodyPlant, part: VehicleInPlant, bearing: "Bearing") -> None:
         super().__init__()
         count, record = len(WHEELS), record_type(bearing.memory)
-        # With the vehicle frame at the origin, world coordinates are those of the vehicle.
-        context = plant.CreateDefaultContext()
-        plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
-        mass = plant.CalcTotalMass(context, [part.instance])
-        centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
-        car = records(SpinningCar, [SpinningCar(part.period, plant.num_positions(), mass, centre)])
+        car = records(SpinningCar, [SpinningCar(part.period, plant.num_positions())])
 
         # The law, compiled into the step, and the curves of the tyres at their loads.
         law, laws = wheel_laws(part)

@@ -30,7 +30,10 @@ class VelocityServo(JointControl):
 
 
 class PositionServo(JointControl):
-    """Torque = stiffness x angle error - damping x rate error, solved implicitly by Drake."""
+    """Torque = stiffness x angle error - damping x rate error, solved implicitly.
+
+    The damping is adapted to the time step (:func:`mirdrake.plant.plant.implicit_servo`).
+    """
 
     kind: Literal["servo"]
     stiffness: float = Field(gt=0, description="[N m/rad] per steered wheel")
