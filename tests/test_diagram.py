@@ -370,7 +370,7 @@ def test_the_drawing_leads_from_driver_to_control_to_plant(own_drive: Path) -> N
     for arrow in ('"ego.driver" -> "ego.split"', '"ego.split" -> "scale"', '"scale" -> "ego.join"'):
         assert arrow in text
     assert '"ego.join" -> "ego.control"' in text
-    assert '"ego.control" -> "plant" [label="desired_state"]' in text
+    assert '"ego.control" -> "ego.set_points" [label="desired_state"]' in text
     assert '"ego.control" -> "ego.actuation"' in text
     assert 'subgraph "cluster_ego"' in text
     assert "log/" not in text
@@ -401,7 +401,7 @@ def test_a_drawing_fits_the_width_of_a_page(expand: tuple[str, ...], widest: flo
 
     width, height = size(svg)
     assert width < widest
-    assert size(fit_svg(svg, widest=500.0)) == pytest.approx([500.0, 500.0 * height / width], abs=0.5)
+    assert size(fit_svg(svg, widest=400.0)) == pytest.approx([400.0, 400.0 * height / width], abs=0.5)
 
 
 def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -126,18 +127,25 @@ def test_ground_truth_equals_the_state_of_the_plant(parked):
     plant.SetPositions(context, positions)
 
     V_WB = part.base.EvalSpatialVelocityInWorld(context)
-    R_BW = X_WB.rotation().inverse()
-    expected = [1.0, 2.0, 3.0, roll, pitch, yaw]
-    expected += [*R_BW.multiply(V_WB.translational()), *R_BW.multiply(V_WB.rotational())]
+
+    def at(X_WB: RigidTransform) -> list[float]:
+        R_BW = X_WB.rotation().inverse()
+        velocities = [*R_BW.multiply(V_WB.translational()), *R_BW.multiply(V_WB.rotational())]
+        return [*X_WB.translation(), *RollPitchYaw(X_WB.rotation()).vector(), *velocities]
+
+    # The pose at the time of the velocities is half a step behind.
+    turn, half = V_WB.rotational(), 0.5 * part.period
+    back = RotationMatrix(AngleAxis(-half * np.linalg.norm(turn), turn / np.linalg.norm(turn)))
+    moved = RigidTransform(back @ X_WB.rotation(), X_WB.translation() - half * V_WB.translational())
     state = truth.state.Eval(truth.GetMyContextFromRoot(root))
-    assert state == pytest.approx(expected, abs=1e-12)
+    assert state == pytest.approx(at(moved), abs=1e-7)
 
     spins = [joint.get_angular_rate(context) for joint in part.wheels]
     assert truth.wheel_speeds.Eval(truth.GetMyContextFromRoot(root)) == pytest.approx(spins)
 
     x = plant.GetPositionsAndVelocities(context)[:, None]
     twist = x[plant.num_positions() + part.base.floating_velocities_start_in_v() :][:6]
-    assert np.ravel(vehicle_state(x[start : start + 7], twist)) == pytest.approx(expected, abs=1e-12)
+    assert np.ravel(vehicle_state(x[start : start + 7], twist)) == pytest.approx(at(X_WB), abs=1e-12)
 
 
 def test_ground_truth_on_a_track_gives_offset_heading_error_and_progress():

@@ -320,13 +320,7 @@ def test_the_printed_steering_of_the_unior_turns_the_outer_wheel_more_and_so_run
     assert moved["ego.vx"].mean() == pytest.approx(1.4, rel=0.005)
 
 
-# In point contact the yaw rate varies by 0.0059 rad/s since the contacts share one vertical law; cause not known.
-HOPS = pytest.mark.xfail(reason="yaw rate varies by 0.0059 rad/s in point contact", strict=True)
-
-
-@pytest.mark.parametrize(
-    ("contact", "step"), [("hydroelastic", 0.005), pytest.param("point", 0.005, marks=HOPS), ("tyre", 0.0025)]
-)
+@pytest.mark.parametrize(("contact", "step"), [("hydroelastic", 0.005), ("point", 0.005), ("tyre", 0.0025)])
 def test_its_scrubbing_front_wheels_do_not_make_the_robot_hop(contact, step):
     # friction is proportional to the load and pitches the robot, which changes the load: with less than 14 % of
     # critical damping of heave this oscillation would grow until wheels lift off

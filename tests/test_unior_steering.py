@@ -34,8 +34,10 @@ def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float
     simulator, plant, part = Simulator(assembly.diagram), assembly.parts.plant, assembly.parts.vehicles["ego"]
     context = simulator.get_mutable_context()
     channels = [int(actuator.input_start()) for actuator in part.steering_actuators]
+    angles = [joint.position_start() for joint in part.steering]
     rates = [plant.num_positions() + joint.velocity_start() for joint in part.steering]
     damping = [joint.default_damping() for joint in part.steering]
+    motors, gains = plant.num_actuators(), part.steering_actuators[0].get_controller_gains()
     rows = []
     for k in range(round(3.0 / step)):
         set_point = rate * min(max(k * step - 1.0, 0.0), 1.0)
@@ -43,8 +45,17 @@ def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float
             assembly.diagram.GetInputPort(f"ego.{name}").FixValue(context, [value])
         simulator.AdvanceTo((k + 1) * step)
         inner = plant.GetMyContextFromRoot(context)
-        state, torque = plant.GetPositionsAndVelocities(inner), plant.get_net_actuation_output_port().Eval(inner)
-        rows.append([torque[u] - c * state[v] for u, c, v in zip(channels, damping, rates, strict=True)])
+        # Torque of the servo at the end of the step, with the set-points of the step.
+        state, wanted = (
+            plant.GetPositionsAndVelocities(inner),
+            plant.get_desired_state_input_port(part.instance).Eval(inner),
+        )
+        rows.append(
+            [
+                gains.p * (wanted[u] - state[q]) + gains.d * (wanted[motors + u] - state[v]) - c * state[v]
+                for u, c, q, v in zip(channels, damping, angles, rates, strict=True)
+            ]
+        )
     times, torques = step * np.arange(1, len(rows) + 1), np.array(rows)
     spans = {"beginning": (1.0, 1.1), "turning": (1.3, 2.0), "held": (2.3, 3.0)}
     return {name: torques[(times > low) & (times <= high)].mean(axis=0) for name, (low, high) in spans.items()}
