@@ -201,8 +201,9 @@ def test_a_car_over_sines_has_the_responses_of_the_linear_car(
     length = assembly.parts.vehicles["ego"].vehicle.geometry.wheelbase
     for axle, (body, name) in enumerate(((rear - length * np.sin(pitch), "front_left"), (rear, "rear_left"))):
         wheel = body + signals[f"ego.travel.{name}"].to_numpy()
-        # The logged loads are those of the step before.
-        load = response(signals[f"ego.wheel_load.{name}"].to_numpy()[shown]) * np.exp(1j * WAVENUMBERS * speed * step)
+        # The logged loads are those of the middle of the step before.
+        lag = np.exp(0.5j * WAVENUMBERS * speed * step)
+        load = response(signals[f"ego.wheel_load.{name}"].to_numpy()[shown]) * lag
         measured = [response(body[shown]), response(wheel[shown]), load]
         errors.append(np.array(measured) / expected[axle])
     ratios = np.array(errors)

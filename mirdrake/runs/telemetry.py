@@ -129,7 +129,8 @@ class Telemetry:
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
             self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
         for wheel, joint in zip(WHEELS, part.suspension, strict=False):  # none without springs
-            self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()], "m")
+            rate = x[positions + joint.velocity_start()]  # as for the pose, half a step back
+            self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()] - 0.5 * part.period * rate, "m")
         # The logged torques are those of this model instance only, while input_start counts over the whole plant.
         torques = raw[f"{name}.joint_torques"]
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
