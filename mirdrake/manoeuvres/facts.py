@@ -190,4 +190,4 @@ def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: floa
         middle = 0.5 * (low + high)
         needed = rolling + parameters.drag * middle**2
         low, high = (middle, high) if needed <= min(force, power / middle) else (low, middle)
-    return min(low, *(float(limit) for limit in limits if limit))
+    return min([low, *(float(limit) for limit in limits if limit)])

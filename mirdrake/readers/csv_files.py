@@ -226,7 +226,7 @@ def _parse_rows(text: _Text, header: _Header) -> Table:
             (f":{index + 1}" for index in rows if len(text.cells(index, header.delimiter)) > len(header.names)), ""
         )
         raise ConfigError(f"{name}{line}: does not have the {len(header.names)} cells of the header") from None
-    # Columns of one name are told apart by their places.
+    # Columns of one name get their places in their names.
     counts = Counter(header.names)
     names = [f"{title} (column {at})" if counts[title] > 1 else title for at, title in enumerate(header.names, start=1)]
     units = {new: header.units[old] for new, old in zip(names, header.names, strict=True) if old in header.units}
