@@ -220,6 +220,8 @@ def load_run(folder: Path | str) -> Run:
         ConfigError: the path is not a run folder, or its files are invalid.
     """
     folder = Path(folder)
+    if not folder.exists():
+        raise ConfigError(f"{folder}: no such folder")
     if not (folder / SPEC).is_file():
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
     with read_errors(folder / SPEC):
