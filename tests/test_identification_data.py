@@ -305,8 +305,9 @@ def test_gravity_in_an_accelerometer_is_found():
     leaning = log.channels["lateral_acceleration"] + 9.80665 * np.sin(roll)
     (finding,) = checked(changed(log, lateral_acceleration=leaning, roll=roll)).of("gravity")
     assert finding.value == pytest.approx(9.8, rel=0.1)
-    still = {name: np.concatenate((np.zeros(300), values)) for name, values in log.channels.items()}
-    still["longitudinal_acceleration"][:300] = 0.5
+    # At the end: rows at the beginning in which nothing changes before a jump are taken for dummies.
+    still = {name: np.concatenate((values, np.zeros(300))) for name, values in log.channels.items()}
+    still["longitudinal_acceleration"][-300:] = 0.5
     (finding,) = checked(Log("b", "train", np.arange(4301.0) * STEP, still)).of("gravity")
     assert finding.value == pytest.approx(0.5)
     assert "2.9 deg" in finding.text

@@ -237,9 +237,10 @@ def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():
 
 def test_biases_at_rest_and_codes_of_gears_are_reported():
     log = recorded(31)
-    values = {name: np.concatenate((np.zeros(200), signal)) for name, signal in log.channels.items()}
+    # At the end: rows at the beginning in which nothing changes before a jump are taken for dummies.
+    values = {name: np.concatenate((signal, np.zeros(200))) for name, signal in log.channels.items()}
     values["yaw_rate"] += 0.02
-    values["gear"] = np.concatenate((np.full(200, -3.0), np.full(4001, 2.0)))
+    values["gear"] = np.concatenate((np.full(4001, 2.0), np.full(200, -3.0)))
     report = checked(Log("rest", "train", np.arange(4201.0) * STEP, values))
     assert report.of("bias", "yaw_rate")[0].value == pytest.approx(0.02)
     assert "-3, 2" in report.of("codes", "gear")[0].text

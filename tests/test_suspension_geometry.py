@@ -139,8 +139,8 @@ def test_the_contact_of_a_vertical_tyre_has_the_same_path() -> None:
         assert ground.path == pytest.approx(flat.path, abs=1e-12)
         assert ground.inclination == pytest.approx(flat.inclination, abs=1e-12)
         forces: list[list[float]] = [[0.0] * plant.num_velocities() for _ in range(2)]
-        add_road_force(forces[0], wheel, flat, 500.0, -1200.0, 40.0, 300.0, 0.0, -5.0, -200.0, 70.0)
-        add_ground_force(forces[1], wheel, ground, (500.0, -1200.0, 300.0), 40.0, -5.0, 0.0, -200.0, 70.0)
+        add_road_force(forces[0], wheel, flat, 500.0, -1200.0, 40.0, 300.0, -5.0, -200.0, 70.0)
+        add_ground_force(forces[1], wheel, ground, (500.0, -1200.0, 300.0), 40.0, -5.0, -200.0, 70.0)
         assert forces[1] == pytest.approx(forces[0], abs=1e-9 * 1e3)
 
 

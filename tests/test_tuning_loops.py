@@ -173,7 +173,7 @@ def test_reduced_model_and_plant_agree() -> None:
     reduced, plant = evaluate(SMOOTH, fidelity="reduced"), evaluate(SMOOTH)
     assert reduced.status == plant.status == "ok"
     # The reduced wheel is rigid; on its tyre it gains speed before the car does, so the peak of the effort is lower.
-    for figure, tolerance in {"iae": 0.08, "peak_effort": 0.08, "rise_time": 0.03}.items():
+    for figure, tolerance in {"iae": 0.08, "peak_effort": 0.1, "rise_time": 0.03}.items():
         assert reduced.figures[figure] == pytest.approx(plant.figures[figure], rel=tolerance)
 
 
@@ -247,7 +247,7 @@ def test_the_dead_time_of_a_bench_is_the_delay_and_the_mean_wait_for_the_actuato
     )
     # The car is an integrator, of which 90° are taken off. (Its wheels lag behind it, as their tyres are unloaded.)
     lags = -(np.angle(response.values) + 0.5 * np.pi) / response.frequencies
-    assert lags == pytest.approx(delay + WAIT * bench.period, abs=0.002)
+    assert lags == pytest.approx(delay + WAIT * bench.period, abs=max(0.002, 0.15 * step))
 
 
 def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:

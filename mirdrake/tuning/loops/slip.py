@@ -103,9 +103,9 @@ def make_slip_model(bench: PlantBench) -> SlipModel:
 
 
 def direct(spec: LoopSpec) -> Conditions:
-    """Return the conditions of a controller without dead time but for a step of the plant, as in a diagram."""
+    """Return the conditions of a controller without dead time, as in a diagram."""
     _, period = model_of(spec)
-    return Conditions(delay=spec.time_step - WAIT * period)
+    return Conditions(delay=-WAIT * period)
 
 
 def fault_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> str:
