@@ -359,7 +359,7 @@ class Texts:
                 sign = "below" if rejection.figure in AT_LEAST else "above"
                 value, limit = _distinct(rejection.value, rejection.limit)
                 on = " on the plant" if rejection.check == "margin" else ""
-                if not math.isfinite(rejection.value):
+                if rejection.value is None or not math.isfinite(rejection.value):
                     return f"{self.figure(rejection.figure)[0]}{on} is not defined for its loop; the limit is {limit}"
                 return f"{self.figure(rejection.figure)[0]} {value}{on} is {sign} the limit {limit}"
             case "finer_step":

@@ -258,8 +258,8 @@ def read_result(folder: Path | str) -> TuningResult:
     path = folder / FILE
     place = display_path(path)
     if folder.is_file():
-        given = "not the study" if folder.suffix == ".yaml" else "not a file of it"
-        raise ConfigError(f"{display_path(folder)}: give the folder that mirdrake tune has written, {given}")
+        wrong = "not the study" if folder.suffix == ".yaml" else "not a file of it"
+        raise ConfigError(f"{display_path(folder)}: give the folder that mirdrake tune has written, {wrong}")
     if not folder.is_dir():
         raise ConfigError(f"{display_path(folder)}: no such folder; give the folder that mirdrake tune has written")
     if not path.is_file():
