@@ -321,7 +321,7 @@ def test_an_export_without_data_is_an_error(folder: Path, tmp_path: Path, capsys
     bare.mkdir()
     shutil.copy(folder / "spec.yaml", bare)
     expected_errors: dict[str, Callable[[], int]] = {
-        "is not a run folder": lambda: export(tmp_path / "nothing", "csv", tmp_path / "x.csv"),
+        "no such folder": lambda: export(tmp_path / "nothing", "csv", tmp_path / "x.csv"),
         "no signals were recorded": lambda: export(bare, "csv", tmp_path / "x.csv"),
         "has no pictures; record them": lambda: export(bare, "video", tmp_path),
         "is not a folder; make it first": lambda: export(folder, "video", tmp_path / "nowhere"),
