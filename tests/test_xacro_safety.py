@@ -19,7 +19,7 @@ from mirdrake.vehicles.xacro_render import MACROS, render_xacro
 from tests.timing import is_within
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-LONGEST = 2.0
+LONGEST = 4.0
 """Processor time that a hostile file may take [s]."""
 
 
