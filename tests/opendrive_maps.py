@@ -100,15 +100,15 @@ REACH = 10.0  # distance of the arms of a crossing from its middle [m]
 WAYS = ("straight", "left", "right")
 
 
-def connection(direction: int, way: str) -> tuple[str, float, int]:
-    """Return geometry and length of a lane through a crossing at the origin, and the direction it leads to [deg].
+def connection(direction: int, way: str, x0: float = 0.0, y0: float = 0.0) -> tuple[str, float, int]:
+    """Return geometry and length of a lane through a crossing at (x0, y0), and the direction it leads to [deg].
 
     Straight lanes are 20 m long, left turns arcs with a radius of 11.75 m, right turns with 8.25 m.
     """
     a = math.radians(direction)
     heading = a + HALF_TURN
-    x = REACH * math.cos(a) + LANE / 2.0 * math.sin(heading)
-    y = REACH * math.sin(a) - LANE / 2.0 * math.cos(heading)
+    x = x0 + REACH * math.cos(a) + LANE / 2.0 * math.sin(heading)
+    y = y0 + REACH * math.sin(a) - LANE / 2.0 * math.cos(heading)
     if way == "straight":
         return geometry(x, y, heading, 2.0 * REACH), 2.0 * REACH, (direction + 180) % 360
     radius = REACH + LANE / 2.0 if way == "left" else -(REACH - LANE / 2.0)
@@ -136,3 +136,39 @@ def crossing(
                 parts.append(road(key, view, one_lane("1", "-1"), links=links, junction="J", offset=LANE / 2.0))
                 rows.append((str(direction), key, "1"))
     return document(*parts, junction("J", rows, more))
+
+
+def grid(n: int, mark: str = "") -> str:
+    """Return a town of n x n crossings, 100 m apart, with the road mark `mark` between the lanes of the streets.
+
+    It has 14 n² - 26 n + 8 roads: streets of 80 m, and 12, 6 or 2 ways through a crossing of 4, 3 or 2 of them.
+    """
+    step = 100.0
+    parts: list[str] = []
+    # The street at each side of a crossing: its key, its end there, and its lane towards the crossing.
+    arms: dict[tuple[int, int, int], tuple[str, str, str]] = {}
+    for i, j, direction in ((i, j, d) for i in range(n) for j in range(n) for d in (0, 90)):
+        other = (i + 1, j) if direction == 0 else (i, j + 1)
+        if max(other) < n:
+            a, key = math.radians(direction), f"{i}_{j}_{direction}"
+            x, y = i * step + REACH * math.cos(a), j * step + REACH * math.sin(a)
+            links = linked(f"junction {i}_{j}", f"junction {other[0]}_{other[1]}")
+            lanes = section([lane(1)], [lane(-1)], centre=mark)
+            parts.append(road(key, geometry(x, y, a, step - 2.0 * REACH), lanes, links=links))
+            arms[i, j, direction] = (key, "start", "1")
+            arms[*other, direction + 180] = (key, "end", "-1")
+    for i, j in ((i, j) for i in range(n) for j in range(n)):
+        rows = []
+        for direction, way in ((d, way) for d in (0, 90, 180, 270) for way in WAYS):
+            view, _, out = connection(direction, way, i * step, j * step)
+            if (i, j, direction) not in arms or (i, j, out % 360) not in arms:
+                continue
+            key = f"{i}_{j}_{direction}_{way}"
+            (before, begin, inner), (after, end, outer) = arms[i, j, direction], arms[i, j, out % 360]
+            away = {"1": "-1", "-1": "1"}[outer]
+            links = linked(f"road {before} {begin}", f"road {after} {end}")
+            lanes = one_lane(inner, away)
+            parts.append(road(key, view, lanes, links=links, junction=f"{i}_{j}", offset=LANE / 2.0))
+            rows.append((before, key, inner))
+        parts.append(junction(f"{i}_{j}", rows))
+    return document(*parts)

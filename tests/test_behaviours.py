@@ -9,9 +9,9 @@ import pytest
 import shapely
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
 from shapely import affinity
 
+from mirdrake.actors.road_ahead import ROAD_AHEAD, next_lines
 from mirdrake.controllers.behaviours.base import View
 from mirdrake.controllers.behaviours.drive_to_nearest import DriveToNearest
 from mirdrake.controllers.behaviours.fan import REACH
@@ -99,22 +99,25 @@ def make_driver(behaviour, world, *, source=None, folder=None):
     return spec.make_system(CAR, world, where=source.where("behaviour"), folder=folder)
 
 
-class LightAhead(LeafSystem):
-    """The road ahead of a car on the x axis: no other vehicle, and a traffic light with its stop line at 800 m."""
+LINE = 800.0
+"""Place of a stop line on the x axis [m]."""
 
-    LINE = 800.0
 
-    def __init__(self, light):
+class LightsAhead(LeafSystem):
+    """The road ahead of a car on the x axis: no other vehicle, and traffic lights by the place of their stop line."""
+
+    def __init__(self, lights):
         super().__init__()
-        self.light, self.state = light, self.DeclareVectorInputPort("state", 12)
-        self.DeclareVectorOutputPort("road_ahead", BasicVector(5), self._calc)
+        self.lights, self.state = lights, self.DeclareVectorInputPort("state", 12)
+        self.DeclareVectorOutputPort("road_ahead", BasicVector(len(ROAD_AHEAD)), self._calc)
 
     def _calc(self, context, output):
-        rest, (state, left) = self.LINE - self.state.Eval(context)[0] - FRONT, self.light.phase(context.get_time())
-        output.SetFromVector([math.inf, 0.0, *((rest, state, left) if rest > -1.0 else (math.inf, 2.0, math.inf))])
+        front, time = self.state.Eval(context)[0] + FRONT, context.get_time()
+        lights = [(line - front, *light.phase(time)) for line, light in self.lights.items() if line - front > -1.0]
+        output.SetFromVector([math.inf, 0.0, *next_lines(math.inf, lights)])
 
 
-def drive(behaviour, props=(), *, duration, tracks=None, light=None, **car):
+def drive(behaviour, props=(), *, duration, tracks=None, lights=None, **car):
     """Return a kinematic car driven by a behaviour until the time is over or it touches a prop."""
     world: Any = WorldStandIn(list(props), tracks or {})
     driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, world)
@@ -127,11 +130,9 @@ def drive(behaviour, props=(), *, duration, tracks=None, light=None, **car):
     if driver.HasInputPort("ranges"):
         builder.Connect(sensor.ranges, driver.GetInputPort("ranges"))
     if driver.HasInputPort("road_ahead"):
-        free = ConstantVectorSource([math.inf, 0.0, math.inf, 2.0, math.inf])  # no object, no light
-        ahead = builder.AddSystem(free if light is None else LightAhead(light))
+        ahead = builder.AddSystem(LightsAhead(lights or {}))
         builder.Connect(ahead.get_output_port(), driver.GetInputPort("road_ahead"))
-        if light is not None:
-            builder.Connect(plant.state, ahead.state)
+        builder.Connect(plant.state, ahead.state)
     builder.Connect(driver.GetOutputPort("command"), plant.command)
     simulator = Simulator(builder.Build())
     context = plant.GetMyContextFromRoot(simulator.get_context())
@@ -167,17 +168,19 @@ def test_traffic_brakes_for_a_red_light_from_any_speed_at_its_comfortable_decele
     driver = {"kind": "traffic", "speed": speed, "reaction": 0.3, "deceleration": 2.0, "line_distance": 1.0}
     red = Light("light", green=0.0, amber=0.0, red=1e4, offset=0.0, lines=())
     needed = speed * 0.3 + speed**2 / (2.0 * 2.0)
-    begin = LightAhead.LINE - FRONT - 1.0 - needed
+    begin = LINE - FRONT - 1.0 - needed
     start = begin - 2.0 * speed
-    run = drive(driver, tracks={"main": road}, light=red, speed=speed, start=(start, 0.0, 0.0), duration=2.0 + speed)
+    run = drive(
+        driver, tracks={"main": road}, lights={LINE: red}, speed=speed, start=(start, 0.0, 0.0), duration=2.0 + speed
+    )
     # In front of v t + v²/(2 a) the speed is the set-point, and behind it at most that of the braking profile, which
     # has the deceleration a v/(v + a t). The car lags by 0.15 s, and by a period of the driver.
     assert np.all(run.speed[run.x < begin] > speed - 1e-9)
     after = (run.x > begin) & (run.speed > 0.5)
     assert np.max(-np.diff(run.speed)[after[1:]]) / 0.02 < 2.0
-    rest = np.maximum(LightAhead.LINE - FRONT - 1.0 - run.x[after], 0.0)
+    rest = np.maximum(LINE - FRONT - 1.0 - run.x[after], 0.0)
     assert np.all(run.speed[after] < np.sqrt(0.6**2 + 4.0 * rest) - 0.6 + 2.0 * (0.15 + 0.02))
-    assert -2.0 <= run.x[-1] + FRONT - LightAhead.LINE <= 0.0
+    assert -2.0 <= run.x[-1] + FRONT - LINE <= 0.0
 
 
 @pytest.mark.slow
@@ -189,17 +192,17 @@ def test_traffic_passes_no_light_that_becomes_red_at_any_time(speed):
     needed, reached = speed * 0.3 + speed**2 / 4.0, (amber - 0.3) * speed
     passed = []
     for rest in np.linspace(0.8 * reached, 1.1 * needed, 9):
-        start = LightAhead.LINE - FRONT - rest - speed
+        start = LINE - FRONT - rest - speed
         light = Light("light", green=1.0, amber=amber, red=100.0, offset=0.0, lines=())
         driver = {"kind": "traffic", "speed": speed}
-        run = drive(driver, tracks={"main": road}, light=light, speed=speed, start=(start, 0.0, 0.0),
+        run = drive(driver, tracks={"main": road}, lights={LINE: light}, speed=speed, start=(start, 0.0, 0.0),
                     duration=2.0 + amber + speed, brakes=9.0)  # fmt: skip
-        crossed = np.flatnonzero(run.x + FRONT >= LightAhead.LINE)
+        crossed = np.flatnonzero(run.x + FRONT >= LINE)
         passed.append(crossed.size > 0)
         if passed[-1]:
             assert light.state(run.t[crossed[0]]) == 1.0
         else:
-            assert -2.0 <= run.x[-1] + FRONT - LightAhead.LINE <= 0.0
+            assert -2.0 <= run.x[-1] + FRONT - LINE <= 0.0
     assert passed[0]
     assert not passed[-1]
 

@@ -1,6 +1,7 @@
 """Relief of worlds: keys, messages, shipped worlds, meshes on the terrain."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from mirdrake.ground.terrain import Block, Wave
 from mirdrake.worlds import World, load_world, make_world
 from mirdrake.worlds.draping import TOLERANCE, Roads, drape
 from mirdrake.worlds.lock import lock_hash
-from mirdrake.worlds.meshes import fill
+from mirdrake.worlds.meshes import Surface, fill
 
 STRAIGHT = {"segments": [{"line": 100}], "width": 6}
 
@@ -120,3 +121,24 @@ def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
     lonely = surface.vertices[unique[count == 1]].mean(axis=1)
     border = np.minimum.reduce([lonely[:, 0], 20.0 - lonely[:, 0], lonely[:, 1] + 10.0, 10.0 - lonely[:, 1]])
     assert np.abs(border).max() < 1e-9
+
+
+def test_a_triangle_without_area_is_not_divided_for_ever() -> None:
+    """Three corners on a line at 0, 1.6 and 4 m, over waves of 1 m.
+
+    The line from 0 to 4 m has no error at its quarters, where it is compared with the terrain, but its parts have.
+    """
+    terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in (0.5, 1.5, 2.5, 3.5)])
+    x = np.array([0.0, 1.6, 4.0])
+    surface = Surface(
+        np.column_stack((x, 0.0 * x, 0.0 * x)), np.array([[0, 1, 2]]), np.tile([0.0, 0.0, 1.0], (3, 1)),
+        np.zeros((3, 2)), (1.0, 1.0, 1.0), None,
+    )  # fmt: skip
+    assert len(drape(surface, terrain, Roads(shapely.Polygon())).triangles) == 1
+    # Upright ones have an area, also if they have none from above.
+    upright = replace(
+        surface,
+        vertices=np.array([[0.0, 0.0, -0.05], [4.0, 0.0, -0.05], [4.0, 0.0, 0.0]]),
+        normal=np.tile([0.0, 1.0, 0.0], (3, 1)),
+    )
+    assert len(drape(upright, terrain, Roads(shapely.Polygon())).triangles) > 10

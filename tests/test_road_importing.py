@@ -20,7 +20,9 @@ from mirdrake.importing.worlds import WorldImport
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.networks.opendrive_network import read_network
 from mirdrake.worlds.recorded import recorded_rows
-from tests.opendrive_maps import crossing, document, geometry, lane, road, section, signal
+from mirdrake.worlds.scenery import scenery
+from tests.opendrive_maps import crossing, document, geometry, grid, lane, road, section, signal
+from tests.timing import reference_seconds
 
 
 def imported(folder: Path, file: str, text: str, **options: object) -> tuple[WorldImport, World]:
@@ -48,6 +50,47 @@ def test_opendrive_map_becomes_the_network_of_a_world_with_a_start_on_a_lane(tmp
     with pytest.raises(ConfigError, match="exists already; choose another name, or force to replace it"):
         import_road_world(tmp_path / "My Town.xodr", folder=tmp_path / "worlds")
     import_road_world(tmp_path / "My Town.xodr", folder=tmp_path / "worlds", force=True)
+
+
+def test_heights_of_a_map_with_a_bridge_are_left_out_with_a_line(tmp_path: Path) -> None:
+    high = '<elevationProfile><elevation s="0" a="6" b="0" c="0" d="0"/></elevationProfile>'
+    text = document(road("1", geometry(0, 0, 0, 100.0)), road("2", geometry(50, -50, math.pi / 2, 100.0), more=high))
+    result, world = imported(tmp_path, "bridge.xodr", text)
+    assert world.ground.terrain.flat
+    (change,) = result.changes
+    assert (change.part, change.new) == ("heights of the roads", "flat ground")
+    assert re.fullmatch(r"lanes at \(\S+, \S+\) m differ in height by 6 m", change.old)
+    # Without the bridge, the ground has the heights.
+    result, world = imported(
+        tmp_path, "hill.xodr", document(road("2", geometry(50, -50, math.pi / 2, 100.0), more=high))
+    )
+    assert float(world.ground.terrain.height(50.0, 0.0)) == pytest.approx(6.0)
+    assert not result.changes
+
+
+def test_the_grid_of_the_ground_fits_the_size_of_a_map(tmp_path: Path) -> None:
+    slope = '<elevationProfile><elevation s="0" a="1" b="0.01" c="0" d="0"/></elevationProfile>'
+    # 1.1 km x 1.1 km and 3.6 km x 3.6 km: with 1 m the larger one would have 13 million nodes.
+    for length, cell in ((1500.0, "1"), (5000.0, "2")):
+        result, world = imported(
+            tmp_path, f"map_{cell}.xodr", document(road("1", geometry(0, 0, math.pi / 4, length), more=slope))
+        )
+        assert f"cell: {cell}}}" in result.path.read_text(encoding="utf-8")
+        place = length / 2.0 * math.sqrt(0.5)
+        assert float(world.ground.terrain.height(place, place)) == pytest.approx(1.0 + 0.01 * length / 2.0, abs=0.01)
+
+
+def test_a_map_of_500_roads_is_imported_and_laid_out_within_seconds(tmp_path: Path) -> None:
+    source = tmp_path / "town.xodr"
+    mark = "<roadMark sOffset='0' type='broken' color='white' width='0.12'/>"
+    source.write_text(grid(7, mark), encoding="utf-8")
+
+    def lay_out() -> None:
+        result = import_road_world(source, folder=tmp_path, force=True)
+        assert result.entries == 596  # 84 streets with two lanes, and 428 ways
+        scenery(load_world(str(result.path)))
+
+    assert reference_seconds(lay_out, times=1) < 10.0
 
 
 def gpx(places: np.ndarray, heights: np.ndarray | None = None) -> str:

@@ -1,7 +1,7 @@
-"""The road ahead of a full vehicle: the next object on its lane and the next traffic light."""
+"""The road ahead of a full vehicle: the next object on its lane, and the next lines at which it may have to stop."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -27,20 +27,37 @@ from mirdrake.worlds import World
 from mirdrake.worlds.lights import GREEN, RED
 from mirdrake.worlds.pieces import Array
 
+LINES = 3
+"""Number of lines in :data:`ROAD_AHEAD`.
+
+The nearest red light or closed line ends what a driver has to know, so only a driver with more than two amber lights
+before that misses one.
+"""
+
 ROAD_AHEAD = signals(
     ("gap", "m", "to the vehicle, actor or, with an outline on the lane, pedestrian ahead; inf: none"),
     ("speed", "m/s", "of that along the lane"),
-    ("line", "m", "from the front to the stop line of the next traffic light or closed yield line; inf: none"),
-    ("light", "", "state of that light: 0 red, also of a yield line, 1 amber, 2 green"),
-    ("left", "s", "time for which it stays in that state; inf: yield line, or no light"),
+    *(
+        signal
+        for end in ("", *(f"_{k}" for k in range(2, LINES + 1)))
+        for signal in (
+            (f"line{end}", "m", "from the front to a line with a red or amber light, or a closed line; inf: none"),
+            (f"light{end}", "", "state of the light: 0 red, also of a closed line, 1 amber, 2 no line"),
+            (f"left{end}", "s", "time for which it stays in that state; inf: closed line, or no line"),
+        )
+    ),
 )
-"""What is ahead of a vehicle on its lane."""
+"""What is ahead of a vehicle on its lane: the next object, and the next lines that are not open, nearest first.
+
+Closed lines are yield lines, and lines of junctions that the vehicle must not pass. Green lights do not occur: they
+restrict nothing, and hide no light behind them.
+"""
 
 _BELOW = 1.0  # [m] behind the front bumper that a line still counts
 
 
 class RoadAhead(LeafSystem):
-    """The next object and the next traffic light on the lane of a vehicle: the nearest lane of a track.
+    """The next object and the next lines that are not open on the lane of a vehicle: the nearest lane of a track.
 
     Input ports:
         plant_state: state of the plant.
@@ -48,7 +65,7 @@ class RoadAhead(LeafSystem):
         junction_line (1) [m]: station of the line of a junction that the vehicle must not pass; only if it drives by
             the right of way, see :class:`mirdrake.actors.traffic.Traffic`.
     Output ports:
-        road_ahead (5) [m, m/s, m, -, s]: :data:`ROAD_AHEAD`.
+        road_ahead (11) [m, m/s, m, -, s, m, -, s, m, -, s]: :data:`ROAD_AHEAD`.
 
     Args:
         world: the world.
@@ -124,24 +141,35 @@ class RoadAhead(LeafSystem):
             station = float(self.junction_line.Eval(context)[0])
             # A line that it has passed, by less than it may move in the time of an update, is that in front of it.
             closed = min(closed, max(station - front, 0.0))
-        line, state, left = self._next_light(lane, front, context.get_time())
-        # A closed yield line is like a red light.
-        if closed < line or (state == GREEN and closed < math.inf):
-            line, state, left = closed, float(RED), math.inf
-        output.SetFromVector([gap, speed, line, state, left])
+        lights = self._lights_ahead(lane, front, context.get_time())
+        output.SetFromVector([gap, speed, *next_lines(closed, lights)])
 
-    def _next_light(self, lane: int, front: float, time: float) -> tuple[float, float, float]:
-        """Return the distance to the next stop line [m], the state of its light, and how long that lasts [s]."""
-        nearest, state, left = math.inf, float(GREEN), math.inf
+    def _lights_ahead(self, lane: int, front: float, time: float) -> list[tuple[float, float, float]]:
+        """Return distance [m], state, and the time that is left of it [s] of all lights ahead."""
+        length, is_closed = (self._lanes.lanes[lane][key] for key in ("length", "closed"))
+        found = []
         for light, number, s in self._lights:
             away = s - front
-            if self._lanes.lanes[lane]["closed"]:
-                length = float(self._lanes.lanes[lane]["length"])
+            if is_closed:
                 # Wrapped into -1 m to length - 1 m: a line just behind the bumper keeps its negative distance.
-                away = (away + _BELOW) % length - _BELOW
-            if number == lane and -_BELOW <= away < nearest:  # a line below the front bumper counts for a metre
-                nearest, (state, left) = away, light.phase(time)
-        return nearest, state, left
+                away = (away + _BELOW) % float(length) - _BELOW
+            if number == lane and away >= -_BELOW:  # a line below the front bumper counts for a metre
+                found.append((away, *light.phase(time)))
+        return found
+
+
+def next_lines(closed: float, lights: Iterable[tuple[float, float, float]]) -> list[float]:
+    """Return the next lines that are not open, nearest first, as in :data:`ROAD_AHEAD`.
+
+    Args:
+        closed: distance to the next closed line [m]; infinite: none.
+        lights: distance [m], state, and the time that is left of it [s] of the lights ahead.
+    """
+    lines = [line for line in lights if line[1] != GREEN]
+    if closed < math.inf:
+        lines.append((closed, float(RED), math.inf))
+    none = (math.inf, float(GREEN), math.inf)
+    return [value for line in (sorted(lines) + LINES * [none])[:LINES] for value in line]
 
 
 def look_ahead(

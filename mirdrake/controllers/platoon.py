@@ -77,7 +77,7 @@ class PlatoonDriver(PathTracker):
     Ports as in :class:`PathTracker`, and:
 
     Input ports:
-        road_ahead (5) [m, m/s, m, -, s]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
+        road_ahead (11) [m, m/s, m, -, s, m, -, s, m, -, s]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
 
     Args:
         spec: its settings.

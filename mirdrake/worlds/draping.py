@@ -65,15 +65,15 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     # Corners as rows: x, y, z, u, v and the normal.
     values = np.concatenate([surface.vertices, surface.uv, surface.normal], axis=1)[surface.triangles]
     done: list[Array] = []
-    total = len(values)
+    finished = 0
     while len(values):
-        long = _long_edges(values[:, :, :2], terrain, roads)
+        long = _long_edges(values[:, :, :2], terrain, roads) & ~_is_thin(values[:, :, :3])[:, None]
         # Each division adds at most three triangles; above the limit the remaining ones are taken as they are.
-        if total + 3 * int(long.any(axis=1).sum()) > _MOST:
+        if finished + len(values) + 3 * int(long.any(axis=1).sum()) > _MOST:
             long[:] = False
         done.append(values[~long.any(axis=1)])
+        finished += len(done[-1])
         values = _divided(values, long)
-        total = sum(map(len, done)) + len(values)
     rows = np.concatenate(done).reshape(-1, 8)
     points, uv, normal = rows[:, :3], rows[:, 3:5], rows[:, 5:]
     index = np.arange(len(points))
@@ -114,6 +114,17 @@ def _long_edges(corners: Array, terrain: Terrain, roads: Roads) -> NDArray[np.bo
         away[chosen] = np.maximum(roads.to_points(0.5 * (begin[chosen] + end[chosen])) - length[chosen], 0.0)
     rough = (error > TOLERANCE + _GROWTH * away) & (length > _SHORTEST + _GROWTH * away)
     return np.asarray(rough | (length > _LONGEST + 0.5 * away), dtype=bool)
+
+
+def _is_thin(corners: Array) -> NDArray[np.bool_]:
+    """Return which triangles (N, 3, 3) have a height below the tolerance.
+
+    They are as near to the terrain as their edges. Divided, the parts of a triangle without area could keep its longest
+    edge for ever, since the terrain can differ from a part of an edge, but not from the whole edge.
+    """
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) <= TOLERANCE * longest)
 
 
 def _divided(values: Array, long: NDArray[np.bool_]) -> Array:

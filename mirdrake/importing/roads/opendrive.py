@@ -24,9 +24,8 @@ def read_opendrive_world(source: Path, name: str) -> RoadWorld:
         ConfigError: the file has faults.
     """
     network = read_network(source)
-    text = TEXT.format(
-        ground=ground_text(network), name=name, key="xodr", file="map.xodr", start=start_on_longest(network)
-    )
-    made = RoadWorld(text, [source], {"map.xodr": source.read_bytes()}, entries=len(network.driving()))
+    made = RoadWorld("", [source], {"map.xodr": source.read_bytes()}, entries=len(network.driving()))
+    ground = ground_text(network, source, made.changes)
+    made.text = TEXT.format(ground=ground, name=name, key="xodr", file="map.xodr", start=start_on_longest(network))
     note_changes(network, source, made.changes)
     return made

@@ -54,7 +54,12 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
     steps = read_steps(board, made.changes)
 
     # Entities that move, or that a trigger refers to, are actors; others are props.
-    lines = ["mirdrake: world/1", f"name: {name}", "", f"ground: {ground_text(network)}"]
+    lines = [
+        "mirdrake: world/1",
+        f"name: {name}",
+        "",
+        f"ground: {ground_text(network, map_file or source, made.changes)}",
+    ]
     lines += [f"network: {{xodr: {name}/map.xodr}}"] if network is not None else []
     if ego in spots:
         lines += _ego(name_of_ego, spots[ego], speeds.get(ego, 0.0), network)

@@ -8,6 +8,7 @@ from pathlib import Path
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.worlds.networks import Lane, Network
+from mirdrake.worlds.networks.network_relief import find_bridge, fitting_cell
 
 _INTO = 10.0  # [m] from the beginning of a lane to a start
 
@@ -59,11 +60,22 @@ def note_changes(network: Network, source: Path, changes: Changes) -> None:
         changes.add(Code.ROAD, f"{display_path(source)}:1", part, rest or part, None, why)
 
 
-def ground_text(network: Network | None) -> str:
-    """Return the ground: with the heights of the network if it is not flat."""
+def ground_text(network: Network | None, source: Path, changes: Changes) -> str:
+    """Return the ground: with the heights of the network if it is not flat, on a grid that is not too large.
+
+    Args:
+        network: the road network; None: there is none.
+        source: file of the network, for the changes.
+        changes: changed if there are bridges: then the ground is flat.
+    """
+    flat = "{surface: grass}"
     if network is None or not any(lane.z.any() for lane in network.lanes.values()):
-        return "{surface: grass}"
-    return "{surface: grass, relief: [{network: {cell: 1}}]}"
+        return flat
+    if (bridge := find_bridge(network)) is not None:
+        why = "the ground is one surface, without bridges"
+        changes.add(Code.ROAD, f"{display_path(source)}:1", "heights of the roads", bridge, "flat ground", why)
+        return flat
+    return f"{{surface: grass, relief: [{{network: {{cell: {fitting_cell(network):g}}}}}]}}"
 
 
 def start_on_longest(network: Network) -> str:

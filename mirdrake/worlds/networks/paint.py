@@ -2,12 +2,14 @@
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import substring
 
 from mirdrake.worlds.networks.network import Network, PaintedLine, StopLine
+from mirdrake.worlds.pieces import Array
 
 _STOP_WIDTH = 0.5  # [m] of a stop line
+_SHORTEST = 0.01  # [m] length of a dash
 _BESIDE = 0.15  # [m] from the end of a stop line to the edge of its lane
 
 
@@ -31,12 +33,30 @@ def stop_mark(network: Network, line: StopLine) -> PaintedLine:
 
 def painted_area(line: PaintedLine) -> BaseGeometry:
     """Return the area of a painted line [m]."""
-    middle = shapely.LineString(line.points)
     if line.dash is None:
+        middle = shapely.LineString(line.points)
         return middle.buffer(line.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)
-    dash, gap = line.dash
-    starts = np.arange(0.0, middle.length, dash + gap)
-    parts = [substring(middle, start, min(start + dash, middle.length)) for start in starts]
-    return shapely.union_all(
-        shapely.buffer([part for part in parts if part.length > 0.01], line.width / 2.0, cap_style="flat")
-    )
+    return shapely.union_all(shapely.buffer(dashes(line.points, *line.dash), line.width / 2.0, cap_style="flat"))
+
+
+def dashes(points: Array, dash: float, gap: float) -> NDArray[np.object_]:
+    """Return the dashes of a line as lines [m]; a last one of less than 1 cm is left out.
+
+    Args:
+        points: of the line (n, 2) [m].
+        dash: length of a dash [m].
+        gap: between two dashes [m].
+    """
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    begins = np.arange(0.0, s[-1] - _SHORTEST, dash + gap)
+    if not len(begins):
+        return np.empty(0, dtype=object)
+    ends = np.minimum(begins + dash, s[-1])
+    # Both ends of all dashes, and the points of the line between them, in the order of their stations.
+    inner = np.searchsorted(begins, s, side="left") - 1
+    kept = (inner >= 0) & (s > begins[inner]) & (s < ends[inner])
+    owners = np.concatenate((np.arange(len(begins)), inner[kept], np.arange(len(begins))))
+    stations = np.concatenate((begins, s[kept], ends))
+    order = np.lexsort((stations, owners))
+    places = np.column_stack([np.interp(stations[order], s, points[:, i]) for i in (0, 1)])
+    return np.asarray(shapely.linestrings(places, indices=owners[order]), dtype=object)
