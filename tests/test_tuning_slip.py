@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
+import yaml
 
 from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import Course, DrivenAxle, Evaluation, Gain, LoopModel, LoopSpec, SlipModel
@@ -18,6 +19,8 @@ from mirdrake.tuning.loops.speed import GRIP, WheelSpeedLoop
 from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.scenarios import InSlip
 from mirdrake.tuning.spec import load_tuning, make_tuning
+from mirdrake.vehicles.scaffold import new_vehicle
+from mirdrake.vehicles.traction import FORCE_PEAK, followed_slope
 
 ROOT = Path(__file__).parents[1]
 RADIUS, INERTIA, LOAD, FRICTION = 0.3, 1.2, 4000.0, 0.8
@@ -92,6 +95,31 @@ def test_a_wheel_whose_torque_is_below_its_friction_returns_to_rolling_with_any_
     for kp in (10.0, 100.0, 1e4, 1e6):
         spec = sliding_wheel(period=1e-3, delay=0.06, limit=0.9 * GRIP_TORQUE, duration=3.0)
         assert np.abs(slip_of(spec, kp, 30.0)[2500:]).max() < 0.05
+
+
+@pytest.mark.parametrize(("closed_loop", "sensitivity", "peak"), [(1.25, 1.59, 1.475), (2.0, 1.39, 1.35)])
+def test_the_acceleration_at_the_start_of_a_slope_peaks_by_the_gain_times_the_dead_time(
+    closed_loop: float, sensitivity: float, peak: float
+) -> None:
+    """SIMC of an integrator: kp τ = 1 / (1 + τc / τ), the integral part adds kp τ² / (2 Ti); time in dead times."""
+    kp = 1.0 / (1.0 + closed_loop)
+    ki = kp / (4.0 * (1.0 + closed_loop))
+    frequencies = np.geomspace(0.01, 20.0, 4000)
+    loop = (kp + ki / (1j * frequencies)) * np.exp(-1j * frequencies) / (1j * frequencies)
+    assert np.abs(1.0 / (1.0 + loop)).max() == pytest.approx(sensitivity, abs=0.01)
+
+    step, lag = 0.01, 100
+    speed = integral = 0.0
+    control = np.zeros(3000)
+    for k in range(len(control)):
+        error = k * step - speed
+        integral += error * step
+        control[k] = 1.0 + kp * error + ki * integral
+        speed += (control[k - lag] if k >= lag else 0.0) * step
+    assert control.max() == pytest.approx(peak, rel=0.01)
+    assert control.max() == pytest.approx(1.0 + kp + 0.5 * ki, rel=0.02)
+    assert control.max() < FORCE_PEAK
+    assert followed_slope(10.0) == pytest.approx(0.9 * 10.0 / 1.5)
 
 
 @pytest.mark.parametrize("whole", [0, 1, 3])
@@ -214,6 +242,37 @@ def test_gains_that_spin_the_wheels_of_the_plant_do_so_on_the_slip_model(bolt: L
     for kp, ki in ((140.0, 33.0), (160.0, 80.0)):
         assert fault_on_own_slopes(own, {"kp": kp, "ki": ki, "kd": 0.0}) == ""
     assert 0.0 < RESERVE < DIRECT_RESERVE < 0.2
+
+
+@pytest.mark.parametrize(("drive", "mass"), [("front", 14.0), ("front", 61.0), ("rear", 30.0), ("rear", 95.0)])
+def test_a_new_robot_has_slopes_that_its_wheels_follow_with_tuned_gains(
+    drive: str, mass: float, tmp_path: Path
+) -> None:
+    """SIMC with τc = 1.5 τ for the inertia of the vehicle, as the outer speed loop doubles the gain of 1 / (4 τ)."""
+    wheelbase = round(2.6 * (mass / 1450.0) ** (1.0 / 3.0), 3)
+    folder = new_vehicle(
+        "robot", wheelbase=wheelbase, track=0.58 * wheelbase, mass=mass, drive=drive, sensors="none", folder=tmp_path
+    )
+    loop = make_loop_spec(make_tuning({"vehicle": str(folder), "loop": "speed"}))
+    bench, kind = plant_bench(loop), LOOP_KINDS[loop.kind]
+    assert isinstance(kind, WheelSpeedLoop)
+    inertia = mass * bench.radius**2 / len(bench.driven)
+    plant = Integrator(1.0 / inertia, loop.delay).transfer_function()
+    one = Integrator(1.0, 0.0).transfer_function()
+    model = replace(kind.model(bench, plant, 0.0), output=one, slip=make_slip_model(bench))
+    loop = replace(loop, model=model)
+    dead = loop.delay + 0.5 * bench.period
+    kp = 0.5 * 0.4 / dead * inertia
+    gains = {"kp": kp, "ki": 0.1 * kp / dead, "kd": 0.0}
+    assert fault_on_own_slopes(kind.at_own_slopes(loop), gains) == ""
+
+    # With three quarters of the grip, the wheels slip.
+    file = folder / "control.yaml"
+    control = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for name in ("max_acceleration", "max_deceleration"):
+        control["speed"][name] *= 0.75 / followed_slope(1.0)
+    file.write_text(yaml.safe_dump(control), encoding="utf-8")
+    assert "slip of the wheels" in fault_on_own_slopes(kind.at_own_slopes(loop), gains)
 
 
 def test_gains_that_keep_slipping_are_unstable_without_a_test_on_the_plant(bolt: LoopSpec) -> None:

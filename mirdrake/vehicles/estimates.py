@@ -18,7 +18,7 @@ import numpy as np
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.vehicles.spec import Drive
-from mirdrake.vehicles.traction import Axles
+from mirdrake.vehicles.traction import Axles, followed_slope
 
 BOLT_RADIUS = 0.3234
 """Wheel radius of the Bolt [m], the reference of all time scales."""
@@ -87,10 +87,6 @@ WHEEL_SPEED = 130.0
 
 MODEL_CAR_MASS = 5.0
 """Mass up to which a vehicle counts as a model car, which is faster than a larger robot [kg]."""
-
-RESERVE = 0.7
-"""Share of the possible acceleration that the set-point of the speed uses: by the friction circle, the same share of
-the grip is left to lateral forces, sqrt(1 - 0.7²)."""
 
 STEERING_ERROR = 1e-3
 """Deflection of a steering servo under the scrub moment of its tyre [rad], for tyres without a slip model."""
@@ -251,12 +247,12 @@ class Estimates:
     max_acceleration: float = _quantity(
         "slope of the speed set-point when accelerating",
         "m/s²",
-        "3 m/s² as the Bolt, at most 0.7 of what grip and torque of the driven wheels allow",
+        "3 m/s² as the Bolt, at most 0.6 of what grip and torque of the driven wheels allow, as the force overshoots",
     )
     max_deceleration: float = _quantity(
         "slope of the speed set-point when decelerating",
         "m/s²",
-        "5 m/s² as the Bolt, at most 0.7 of what grip and torque of the driven wheels allow",
+        "5 m/s² as the Bolt, at most 0.6 of what grip and torque of the driven wheels allow, as the force overshoots",
     )
     drag_area: float = _quantity("drag area", "m²", "0.3 x width x height; Bolt 0.825 m²")
     carrier_mass: float = _quantity("unsprung mass besides wheel and knuckle", "kg", "half a wheel, as the Bolt")
@@ -404,7 +400,9 @@ def estimate(
         (1.0 - share) * wheelbase, share * wheelbase, com_height, front=drive != "rear", rear=drive != "front"
     )
     friction, torque = 0.9, max_torque / (mass * radius)
-    forward, backward = (RESERVE * min(axles.largest(friction, 0.0, backward=end), torque) for end in (False, True))
+    forward, backward = (
+        followed_slope(min(axles.largest(friction, 0.0, backward=end), torque)) for end in (False, True)
+    )
     # The tread comes down with v a / R at the front end of the patch of the half length a.
     downward = fastest / radius * half_patch
 

@@ -10,12 +10,32 @@ behind the front axle::
 
 Source: T. D. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 2, traction-limited acceleration. Rolling
 resistance and drag are neglected, so that the mass has no effect.
+
+A controller needs more than the force of the slope itself. With the dead time τ and feed-forward, the speed lags the
+ramp a t by a τ until the control acts, and the proportional part kp (in rad/s) adds kp a τ to the acceleration.
+With the rule SIMC and τc = 1.25 τ, Ms is 1.59 and the peak 1.48 times the slope; a loop of a smaller Ms has a smaller
+one. A set-point of that slope over the peak, and a reserve of friction, is followed without wheels that slip.
 """
 
 import math
 from dataclasses import dataclass
 
 from mirdrake.core.constants import GRAVITY
+
+FORCE_PEAK = 1.5
+"""Largest acceleration of a speed loop with dead time at the start of a slope, over the slope, for Ms up to 1.6 [1]."""
+
+FRICTION_RESERVE = 0.1
+"""Share of the friction that the slope of a set-point leaves unused [1]."""
+
+
+def followed_slope(largest: float) -> float:
+    """Return the largest slope of the speed's set-point that tuned loops follow without wheels that slip [m/s²].
+
+    Args:
+        largest: acceleration that grip or torque of the driven wheels allow [m/s²].
+    """
+    return (1.0 - FRICTION_RESERVE) / FORCE_PEAK * largest
 
 
 @dataclass(frozen=True)

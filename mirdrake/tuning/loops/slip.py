@@ -28,9 +28,9 @@ from mirdrake.tuning.loops.bench import WAIT, PlantBench
 from mirdrake.tuning.loops.reduced import judge_test, model_of, pid_of, reduced_test
 from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
 from mirdrake.tuning.models import Floats
-from mirdrake.vehicles.traction import Axles
+from mirdrake.vehicles.traction import FRICTION_RESERVE, Axles
 
-RESERVE, DIRECT_RESERVE = 0.03, 0.1
+RESERVE, DIRECT_RESERVE = 0.03, FRICTION_RESERVE
 """Reserves of friction on own slopes, with the nominal dead time and with the shortest one [1].
 
 With less, wheels of the plant oscillated, in the test or in other drives. With the shortest dead time, sampled gains

@@ -35,6 +35,7 @@ from mirdrake.tuning.relay import RelayResult, run_relay_test
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.step_test import StepRecord, fit_first_order, fit_integrator
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle
+from mirdrake.vehicles.traction import FRICTION_RESERVE
 from mirdrake.worlds import World
 
 SLOPE = 0.6
@@ -43,7 +44,7 @@ SLOPE = 0.6
 SETTLING = 2.15
 """Time after the ramp of the set-point in which the speed settles [s]; with it the test of a car takes 10 s."""
 
-GRIP = 0.9
+GRIP = 1.0 - FRICTION_RESERVE
 """Largest share of the grip that the vehicle's own slopes may need in the test [1]; no gains follow steeper ones."""
 
 SLOWEST_SPEED = 0.1
