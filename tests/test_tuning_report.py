@@ -223,7 +223,10 @@ def test_the_required_grip_and_the_corners_are_reported(
     assert table[0][3] == "Corners failed (information)"
     assert {row[0]: row[3] for row in table[1:]}[sample.best] == "1 of 2"
     assert 'title="mass × 0.80: oscillates"' in text
-    assert "mass 80 to 120\u00a0% of the nominal one; friction 0.3 to 1; delay 0 to 100\u00a0ms" in text
+    assert (
+        "mass 80 to 120\u00a0% of the nominal one; friction 0.3 to 1; whole delay of the actuator 0 to 100\u00a0ms"
+        in text
+    )
 
 
 def test_a_damaged_table_gives_one_line(sample: TuningResult, tmp_path: Path) -> None:

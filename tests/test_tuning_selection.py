@@ -38,6 +38,7 @@ from mirdrake.tuning.selection import (
     beats_rule,
     choose_best,
     choose_rule,
+    complete_checks,
     verify,
     verify_baseline,
 )
@@ -158,6 +159,12 @@ class _Stages:
         return tuple(
             Rejection("monte_carlo", run=self.draws.index(draw), conditions=draw, reason="oscillates") for draw in draws
         )
+
+    def followed_slopes(self, design: Design) -> dict[str, float]:
+        return {"max_acceleration": self.steep}
+
+    def with_causes(self, rejection: Rejection, design: Design) -> Rejection:
+        return replace(rejection, needs={"delay": self.draws[3].delay or 0.0})
 
     def cost_in_runs(self, candidate: Candidate) -> float:
         return candidate.trial.cost
@@ -288,16 +295,20 @@ def test_the_baseline_is_tested_in_what_candidates_have_failed() -> None:
 
 
 def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_remedies() -> None:
-    run = Rejection("monte_carlo", run=41, conditions=Conditions(friction=0.39), reason="a wheel oscillates")
-    slopes = Rejection("own_slopes", reason="a wheel slips")
+    run = Rejection(
+        "monte_carlo", run=41, conditions=Conditions(friction=0.39), reason="oscillates", needs={"friction": 0.39}
+    )
+    slopes = Rejection("own_slopes", reason="a wheel slips", needs={"max_acceleration": 2.4378})
+    sharp = Rejection("constraint", "ms", 1.7213, 1.6)
+    undefined = Rejection("constraint", "ms", None, 1.6)
     result = short_result("unior")
     baseline, rule, best = result.candidates
     failing = replace(
         result,
         spec={"baseline": "present"},
         candidates=(
-            replace(baseline, figures={"iae": 0.0867}, rejections=(run, slopes)),
-            replace(rule, rejections=(run,)),
+            replace(baseline, figures={"iae": 0.0867}, rejections=(undefined, run, slopes)),
+            replace(rule, rejections=(sharp, run, slopes)),
             replace(best, figures={"iae": 0.122}),
         ),
         rejected=(RejectedTrial({"kp": 1.0}, 0.1, (slopes,)),),
@@ -307,11 +318,12 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     texts = Texts(failing)
     assert "; the present gains are kept" in texts.headline()
     assert texts.after_verdict() == texts.notices()[:3] == [
+        "Rejections of 3 candidates by cause: the vehicle's own slopes of the set-point (2), Ms (1), "
+        "the Monte Carlo (1).",
+        f"{rule.name} (cost {rule.cost:.4g}) needs: constraints.ms of 1.73; robustness.friction without 0.39; "
+        "speed.max_acceleration of at most 2.43 m/s² in control.yaml.",
         "The present gains fail this, too: does not follow the vehicle's own slopes of the set-point: a wheel slips; "
-        "not stable in 1 run of the Monte Carlo, first in run 41 (friction 0.39): a wheel oscillates.",
-        "Candidates fail on the vehicle's own slopes of the set-point: lower speed.max_acceleration / max_deceleration "
-        "in control.yaml.",
-        "Candidates fail in draws of low friction, up to 0.39: narrow robustness.friction in the study.",
+        "not stable in 1 run of the Monte Carlo, first in run 41 (friction 0.39): oscillates.",
     ]  # fmt: skip
     assert texts.tiles()[0][:2] == ("present kp", "0.460")
     assert ("IAE", "0.0867\u00a0rad", "rejected candidate 0.122\u00a0rad") in texts.tiles()
@@ -321,14 +333,32 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     table = Tables(Texts(replace(failing, robustness=Robustness(100, 0, {}, runs))), {}).robustness()
     assert table is not None
     assert (table.rows[0].failed, table.rows[0].interval) == ("0 of 12 in which candidates failed", "–")
-    # Failures up to a friction of 0.8 have another cause; gains that are better need no remedy.
-    wide = replace(run, conditions=Conditions(friction=0.8))
-    other = replace(failing, candidates=(baseline, replace(rule, rejections=(wide,)), best), rejected=())
-    assert Texts(other).after_verdict() == []
+    # A run without a single cause, and candidates that all cost more.
+    other = replace(
+        failing, candidates=(baseline, replace(rule, rejections=(replace(run, needs={}),)), best), rejected=()
+    )
+    assert "no single condition of run 41 (friction 0.39) is the cause" in Texts(other).after_verdict()[1]
+    dear = tuple(replace(one, cost=9.0, rejections=()) for one in (rule, best))
+    none = replace(failing, candidates=(baseline, *dear), rejected=())
+    assert Texts(none).after_verdict() == ["No candidate costs less than the baseline, whatever the limits."]
     better = replace(failing, acceptance=())
     assert Texts(better).after_verdict() == []
     assert Texts(better).tiles()[0][:2] == ("kp", "3.54")
     assert Texts(better).winner_role == "best"
+
+
+def test_if_nothing_is_better_all_checks_are_made_of_the_nearest_cheaper_candidates() -> None:
+    """Without a plant: the first check that fails rejects, then all are made, with what each would need."""
+    stages: Any = _Stages(bound=0.5, steep=1.5, finer=2.5)
+    choice = choose_rule(stages, [BASE, FAST, SLOWER], ())
+    assert [len(choice.known.verified[name].rejections) for name in ("fast", "slow")] == [1, 1]
+    cheap = made("baseline", 9.0, kind="baseline")
+    assert complete_checks(stages, choice.known, cheap, [FAST, SLOWER]) == choice.known  # no candidate costs less
+    known = complete_checks(stages, choice.known, BASE, [FAST, SLOWER])
+    checks = {rejection.check: rejection for rejection in known.verified["fast"].rejections}
+    assert set(checks) == {"monte_carlo", "own_slopes", "finer_step"}
+    assert checks["own_slopes"].needs == {"max_acceleration": 1.5}
+    assert checks["monte_carlo"].needs == {"delay": stages.draws[3].delay}
 
 
 def test_gains_that_spin_the_wheels_on_the_vehicles_own_slopes_are_unstable(bolt: LoopSpec) -> None:

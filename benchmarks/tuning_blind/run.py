@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tuning_blind.cases import LOOPS, Case, draw_case, write_case
-from benchmarks.tuning_blind.table import table_of
+from benchmarks.tuning_blind.table import mean_ratio, ratios, table_of
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.tuning.apply import plan_apply
 from mirdrake.tuning.loops.base import Conditions
@@ -42,6 +42,9 @@ COURSES: dict[str, dict[str, tuple[dict[str, float], Conditions]]] = {
 
 DURATION = 12.0
 """Of a course [s]."""
+
+MOST_MISSED = 6
+"""Rejected candidates that are driven at most, if a study keeps the present control."""
 
 
 def main() -> int:
@@ -100,6 +103,8 @@ def run_case(case: Case, loop: str, out: Path, workers: int) -> dict[str, Any]:
     iae |= {"tuned": drive(case, loop, tuned)} if tuned else {}
     iae |= {"rule": drive(case, loop, rule)} if rule else {}
     unmet = [criterion.name for criterion in result.acceptance if not criterion.met]
+    if not tuned:
+        row["missed"] = find_missed(case, loop, result, vehicle, name, iae["present"])
     return {
         **row,
         "verdict": "tuned" if tuned else "kept",
@@ -110,11 +115,40 @@ def run_case(case: Case, loop: str, out: Path, workers: int) -> dict[str, Any]:
     }
 
 
+def find_missed(
+    case: Case, loop: str, result: TuningResult, vehicle: Path, name: str, present: dict[str, float | None]
+) -> dict[str, Any] | None:
+    """Return the best rejected candidate that is better than the present control on the courses; None without one.
+
+    The cheapest :data:`MOST_MISSED` stable candidates of a study that kept the present control are driven. A candidate
+    is better if it is stable on all courses and its mean ratio to the present IAE is below 1.
+    """
+    tries = [
+        candidate
+        for candidate in result.candidates
+        if candidate.kind != "baseline" and candidate.status == "ok" and candidate.cost is not None
+    ]
+    better: list[dict[str, Any]] = []
+    for candidate in sorted(tries, key=lambda one: one.cost or math.inf)[:MOST_MISSED]:
+        copy = applied(result, vehicle, name, candidate.name, force=True)
+        iae = drive(case, loop, copy) if copy else {}
+        found = ratios({"iae": {"tuned": iae, "present": present}}, "present")
+        if found and mean_ratio(found) < 1.0:
+            checks = sorted({rejection.check for rejection in candidate.rejections})
+            figures = sorted({rejection.figure for rejection in candidate.rejections if rejection.figure})
+            better.append(
+                {"name": candidate.name, "ratio": mean_ratio(found), "feasible": candidate.feasible, "checks": checks}
+                | {"figures": figures}
+            )
+    return min(better, key=lambda one: float(one["ratio"]), default=None)
+
+
 def applied(
     result: TuningResult, vehicle: Path, name: str, candidate: str | None, *, force: bool = False
 ) -> str | None:
     """Apply a candidate to a copy of a vehicle and return the name of the copy; None if it is rejected."""
     copy = vehicle.parents[1] / ("tuned" if candidate is None else "rule") / vehicle.name
+    shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(vehicle, copy)
     target = name.replace(str(vehicle), str(copy))
     try:

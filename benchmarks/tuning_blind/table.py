@@ -10,8 +10,11 @@ WORSE = 1.02
 
 def table_of(rows: Sequence[dict[str, Any]]) -> str:
     """Return the summary and a line per case."""
-    lines = ["| loop, present control | cases | tuned | better than present | better than rule | unstable | worse |"]
-    lines += ["|---|---|---|---|---|---|---|"]
+    lines = [
+        "| loop, present control | cases | tuned | better than present | better than rule | unstable | worse | kept | "
+        "kept though a candidate was better, within the constraints |"
+    ]
+    lines += ["|---|---|---|---|---|---|---|---|---|"]
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault(f"{row['loop']}, {present_kind(row)}", []).append(row)
@@ -19,9 +22,10 @@ def table_of(rows: Sequence[dict[str, Any]]) -> str:
         lines.append(_summary(name, groups[name]))
     lines += [_summary("all", list(rows)), ""]
     lines += [
-        "| case | kg | drive | delay [ms] | loop | present | verdict | tuned/present | worst | tuned/rule | CPU [s] |"
+        "| case | kg | drive | delay [ms] | loop | present | verdict | tuned/present | worst | tuned/rule | missed | "
+        "CPU [s] |"
     ]
-    lines += ["|---|---|---|---|---|---|---|---|---|---|---|"]
+    lines += ["|---|---|---|---|---|---|---|---|---|---|---|---|"]
     return "\n".join([*lines, *(_line(row) for row in rows)]) + "\n"
 
 
@@ -55,7 +59,12 @@ def _summary(name: str, rows: list[dict[str, Any]]) -> str:
     beats = sum(mean_ratio(ratios(row, "rule")) <= 1.0 for row in ruled)
     unstable = sum(math.inf in ratios(row, "present") for row in tuned)
     worse = sum(mean_ratio(ratios(row, "present")) > WORSE for row in tuned)
-    return f"| {name} | {len(rows)} | {len(tuned)} | {better} | {beats} of {len(ruled)} | {unstable} | {worse} |"
+    missed = [row["missed"] for row in rows if row.get("missed")]
+    within = sum(bool(one["feasible"]) for one in missed)
+    return (
+        f"| {name} | {len(rows)} | {len(tuned)} | {better} | {beats} of {len(ruled)} | {unstable} | {worse} | "
+        f"{sum(row['verdict'] == 'kept' for row in rows)} | {len(missed)}, {within} |"
+    )
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -66,6 +75,14 @@ def _line(row: dict[str, Any]) -> str:
     processor = f"{row.get('cpu_s', math.nan):.0f}"
     cells = [
         f"{row['seed']}.{row['number']}", f"{row['mass']:g}", row["drive"], f"{1e3 * row['delay']:.0f}", row["loop"],
-        present_kind(row), f"{row['verdict']}{unmet or row.get('reason', '')}", *texts, processor,
+        present_kind(row), f"{row['verdict']}{unmet or row.get('reason', '')}", *texts, _missed(row), processor,
     ]  # fmt: skip
     return f"| {' | '.join(str(cell) for cell in cells)} |"
+
+
+def _missed(row: dict[str, Any]) -> str:
+    """Return the rejected candidate that is better than the present control, its ratio, and why it was rejected."""
+    found = row.get("missed")
+    if not found:
+        return ""
+    return f"{found['name']} {found['ratio']:.3f} ({', '.join([*found['figures'], *found['checks']])})"

@@ -26,7 +26,7 @@ from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.runs.logs import Run
-from mirdrake.runs.texts import describe_findings, describe_stop
+from mirdrake.runs.texts import STRAIGHT_ON, describe_findings, describe_stop
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Track
 
@@ -229,7 +229,7 @@ def _figures(signals: VehicleSignals, summary: Mapping[str, Any]) -> dict[str, f
 def _sentence(figures: Mapping[str, float]) -> str:
     """Return the errors of a drive as the end of a sentence about the vehicle."""
     parts = []
-    if "max_abs_lateral_error_m" in figures:
+    if figures.get("max_abs_lateral_error_m", 0.0) >= STRAIGHT_ON:
         parts.append(f"largest lateral error {format_quantity(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
     if "mean_speed_error_percent" in figures:
         parts.append(f"mean speed error {format_quantity(abs(figures['mean_speed_error_percent']), '%', digits=2)}")
@@ -270,7 +270,7 @@ def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
         tiles.append(Tile("Laps", f"{figures['laps']:.2f}"))
     if "distance_m" in figures:
         tiles.append(Tile("Distance", format_quantity(figures["distance_m"], "m")))
-    if "max_abs_lateral_error_m" in figures:
+    if figures.get("max_abs_lateral_error_m", 0.0) >= STRAIGHT_ON:
         tiles.append(Tile("Largest lateral error", format_quantity(figures["max_abs_lateral_error_m"], "m", digits=2)))
     if "mean_speed_error_percent" in figures:
         tiles.append(

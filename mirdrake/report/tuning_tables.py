@@ -201,7 +201,9 @@ class Tables:
             "noise": (1.0, f"\u00a0{self.texts.y}"),
         }[name]
         ends = [f"{scale * end:.3g}".replace("-", "−") for end in (low, high)]
-        return f"{name} {' to '.join(ends)}{unit}"
+        # The range replaces the nominal delay, it is not added to it.
+        label = "whole delay of the actuator" if name == "delay" else name
+        return f"{label} {' to '.join(ends)}{unit}"
 
     def _corners(self, name: str) -> tuple[str, str] | None:
         """Return how many corners of the ranges failed, and which; None if they were not tested."""

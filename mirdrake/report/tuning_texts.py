@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 from mirdrake.core.wording import plural
+from mirdrake.report.tuning_causes import cause_sentences
 from mirdrake.report.words import format_quantity, format_time, title_case
 from mirdrake.tuning.acceptance import Criterion, StepEffect
 from mirdrake.tuning.apply import Comparison
@@ -47,9 +48,6 @@ GROUPS = {
 
 UNLIMITED = {"gain_margin", "delay_margin_s", "phase_margin_deg"}
 """Margins that a loop may not have: nothing makes it unstable."""
-
-LOW_FRICTION = 1.0 / 3.0
-"""Part of the drawn range of friction that counts as low."""
 
 KINDS = {
     "baseline": "baseline",
@@ -182,14 +180,18 @@ class Texts:
         return "rejected candidate" if self.keeps_present else "best"
 
     def after_verdict(self) -> list[str]:
-        """Return sentences on why nothing is better: checks that the baseline fails, too, and what to change."""
+        """Return sentences on why nothing is better: all causes, what to change, and what the baseline fails, too."""
         if self.result.is_better:
             return []
-        sentences = []
-        if self.baseline is not None and self.baseline.status == "ok" and self.baseline.rejections:
-            failed = self.rejections(self.baseline.rejections)
-            sentences.append(f"{baseline_name(self.result).capitalize()} fail this, too: {failed}.")
-        return sentences + self._remedies()
+        sentences = cause_sentences(self)
+        if self.baseline is not None and self.baseline.status == "ok":
+            # A control without a model has no margins, which is not a failure.
+            failed = [one for one in self.baseline.rejections if one.check != "constraint" or one.value is not None]
+            if failed:
+                sentences.append(
+                    f"{baseline_name(self.result).capitalize()} fail this, too: {self.rejections(tuple(failed))}."
+                )
+        return sentences
 
     def tiles(self) -> list[tuple[str, str, str]]:
         """Return label, value and note of the main figures."""
@@ -260,32 +262,6 @@ class Texts:
             notices.append(f"The baseline '{self.baseline.name}' is {self.baseline.status}: {reason}.")
         notices += self._failed_corners()
         return notices + robustness_notes(result, self.winner.name if self.winner else "")
-
-    def _remedies(self) -> list[str]:
-        """Return what to change, for each cause for which candidates were rejected."""
-        reasons = [candidate.rejections for candidate in self.result.candidates if candidate.kind != "baseline"]
-        reasons += [trial.rejections for trial in self.result.rejected]
-        failed = [rejection for rejections in reasons for rejection in rejections]
-        remedies = []
-        if any(rejection.check == "own_slopes" for rejection in failed):
-            remedies.append(
-                "Candidates fail on the vehicle's own slopes of the set-point: lower speed.max_acceleration / "
-                "max_deceleration in control.yaml."
-            )
-        frictions = [
-            rejection.conditions.friction
-            for rejection in failed
-            if rejection.conditions is not None and rejection.conditions.friction is not None
-        ]
-        ranges = self.result.robustness.ranges if self.result.robustness else {}
-        low, high = ranges.get("friction", (0.0, 0.0))
-        # Draws of low friction are the cause if no candidate fails with more.
-        if frictions and max(frictions) < low + LOW_FRICTION * (high - low):
-            remedies.append(
-                f"Candidates fail in draws of low friction, up to {max(frictions):.2f}: narrow robustness.friction in "
-                "the study."
-            )
-        return remedies
 
     def _failed_corners(self) -> list[str]:
         """Return a sentence on corners of the ranges in which the winner fails; none if it is stable in all."""

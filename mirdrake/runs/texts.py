@@ -20,6 +20,10 @@ _FIGURES = {
 }
 
 
+STRAIGHT_ON = 5e-4
+"""Lateral error below which a vehicle drives straight on: a test of the speed does not steer [m]."""
+
+
 def describe_stop(summary: Mapping[str, Any]) -> str:
     """Return how a run ended; empty if its summary does not have it."""
     reason, detail = summary.get("stop_reason"), summary.get("stop_detail")
@@ -48,5 +52,10 @@ def describe_findings(summary: Mapping[str, Any]) -> list[str]:
 
 
 def describe_figures(figures: Mapping[str, Any]) -> list[str]:
-    """Return the figures that a vehicle has in a summary."""
-    return [text.format(figures[key]) for key, text in _FIGURES.items() if isinstance(figures.get(key), int | float)]
+    """Return the figures that a vehicle has in a summary, without the lateral error of one that drives straight on."""
+    return [
+        text.format(figures[key])
+        for key, text in _FIGURES.items()
+        if isinstance(figures.get(key), int | float)
+        and not (key == "max_abs_lateral_error_m" and figures[key] < STRAIGHT_ON)
+    ]

@@ -14,6 +14,12 @@ from mirdrake.tuning.spec import printed
 from mirdrake.tuning.stages import Candidate, Stages
 from mirdrake.tuning.trials import Rejection, Trial, Trials
 
+COMPLETED = 2
+"""Candidates for which all checks are made, if nothing is better than the baseline."""
+
+FAR = 1.0
+"""Sum of the excesses over limits, relative to them, above which other limits are no remedy for a candidate [1]."""
+
 POOL = 8
 """Candidates, and rules, that are checked at most before the one with the latest failure is chosen."""
 
@@ -66,7 +72,7 @@ class Verification:
         if self.finer is not None and self.fails_at_finer_step:
             reasons.append(Rejection("finer_step", reason=self.finer.trial.reason))
         if self.slopes is not None and self.fails_on_slopes:
-            reasons.append(Rejection("own_slopes", reason=self.slopes.reason))
+            reasons.append(Rejection("own_slopes", reason=self.slopes.reason, needs=self.slopes.figures))
         return tuple(reasons)
 
 
@@ -193,6 +199,44 @@ def verify_baseline(stages: Stages, known: Knowledge, baseline: Candidate, tried
             slopes = stages.test_on_own_slopes(baseline.design)
     check = Verification(slopes=slopes, failed_runs=stages.failures_in(baseline.design, [*draws][:HARD]))
     return replace(known, verified={**known.verified, baseline.name: check})
+
+
+def complete_checks(stages: Stages, known: Knowledge, baseline: Candidate, tried: Sequence[Candidate]) -> Knowledge:
+    """Make all checks of the candidates that cost less than the baseline, those nearest to the constraints.
+
+    A candidate is usually rejected by the first check that fails. If nothing is better than the baseline, a user needs
+    all causes, and what would have to change for each.
+
+    Args:
+        stages: of the study.
+        known: results of the checks.
+        baseline: to compare with.
+        tried: candidates that have been tested.
+    """
+    cheaper = [
+        candidate
+        for candidate in tried
+        if candidate.design.kind != "baseline"
+        and candidate.trial.violation <= FAR
+        and candidate.trial.cost < baseline.trial.cost
+    ]
+    for candidate in sorted(cheaper, key=lambda one: (one.trial.violation, one.trial.cost))[:COMPLETED]:
+        check = known.verified.get(candidate.name, Verification())
+        # Passed all checks, and is rejected for its cost in the runs.
+        if candidate.name in known.verified and check.is_robust:
+            continue
+        finer = check.finer or stages.test_at_finer_step(candidate.design)
+        margins, broken = (check.margins, check.broken) if check.margins else stages.confirm_margins(candidate)
+        slopes = stages.test_slip(candidate.design)
+        if slopes is None or slopes.status == "ok":
+            slopes = check.slopes or stages.test_on_own_slopes(candidate.design)
+        if slopes is not None and slopes.status != "ok":
+            slopes = replace(slopes, figures=stages.followed_slopes(candidate.design))
+        failed = check.failed_runs or stages.failed_runs(candidate)
+        failed = (*(stages.with_causes(run, candidate.design) for run in failed[:1]), *failed[1:])
+        complete = Verification(failed_runs=failed, finer=finer, margins=margins, broken=broken, slopes=slopes)
+        known = replace(known, verified={**known.verified, candidate.name: complete})
+    return known
 
 
 def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Design]) -> RuleChoice:

@@ -116,7 +116,7 @@ class RobustnessSpec(Schema):
     )
     friction: tuple[float, float] = Field((0.3, 1.0), description="of the road [1]")
     delay: tuple[Duration, Duration] | None = Field(
-        None, description="of the actuator; by default 0 to twice that of the test [s]"
+        None, description="whole delay of the actuator, in place of test.delay; by default 0 to twice that [s]"
     )
     grade: tuple[Angle, Angle] = Field(
         (-math.radians(5.0), math.radians(5.0)), description="of the road, positive uphill [rad]"

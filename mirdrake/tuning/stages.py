@@ -301,6 +301,32 @@ class Stages:
         shortest = evaluate(design.gains, direct(loop))
         return nominal if shortest.status == "ok" else replace(shortest, reason=f"without dead time: {shortest.reason}")
 
+    def followed_slopes(self, design: Design) -> dict[str, float]:
+        """Return the largest slopes of the set-point that a design follows on the slip model, by key of control.yaml.
+
+        Slopes of the vehicle that it follows are left out.
+        """
+        if self._slips_on is None or not design.gains:
+            return {}
+        return LOOP_KINDS[self.loop.kind].followed_slopes(self.loop, design.gains)
+
+    def with_causes(self, rejection: Rejection, design: Design) -> Rejection:
+        """Return a rejection by a run of the Monte Carlo with the conditions that cause it.
+
+        A condition is a cause if the design is stable in the run with this condition, and no other one, nominal.
+        """
+        draw = rejection.conditions
+        if draw is None:
+            return rejection
+        changed = {
+            name: replace(draw, **{name: getattr(NOMINAL, name)})
+            for name in self.ranges
+            if getattr(draw, name) != getattr(NOMINAL, name)
+        }
+        results = self.evaluate(LoopEvaluator(self.loop), [(design.gains, one) for one in changed.values()], "causes")
+        causes = [name for name, result in zip(changed, results, strict=True) if result.status == "ok"]
+        return replace(rejection, needs={name: float(getattr(draw, name)) for name in causes})
+
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[MarginCheck, ...], tuple[Rejection, ...]]:
         """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""
         if not self.identifiable:

@@ -41,6 +41,8 @@ class Rejection:
         conditions: of the run or scenario.
         reason: what happened, in one line; empty for a constraint.
         made_runs: number of runs of the Monte Carlo after which the candidate was rejected.
+        needs: changes with which it would pass, each by name: the largest slopes of the set-point, which have to be met
+            together, or conditions of the run, each of which alone would have to be nominal.
     """
 
     check: Literal["test", "constraint", "margin", "scenario", "finer_step", "own_slopes", "monte_carlo"]
@@ -51,6 +53,7 @@ class Rejection:
     conditions: Conditions | None = None
     reason: str = ""
     made_runs: int | None = None
+    needs: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,7 @@ from mirdrake.tuning.selection import (
     better_in_runs,
     choose_best,
     choose_rule,
+    complete_checks,
     verify_baseline,
 )
 from mirdrake.tuning.space import inside, search_space, space_around
@@ -279,6 +280,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     # Where the baseline remains, it is tested in what its rivals have failed; it has passed the test manoeuvre only.
     compared_met = all(criterion.met for criterion in criteria if criterion.name in AGAINST_BASELINE)
     if not winner.trial.feasible or not compared_met:
+        known = complete_checks(stages, known, designs.baseline, tried[1:])
         known = verify_baseline(stages, known, designs.baseline, tried[1:])
 
     data = stages.spec.model_dump(mode="json")

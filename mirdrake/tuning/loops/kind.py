@@ -72,6 +72,10 @@ class LoopKind(ABC):
         """Return a loop whose test has the vehicle's own slopes of the set-point; None: the set-point has none."""
         return None
 
+    def followed_slopes(self, loop: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:  # noqa: ARG002
+        """Return the largest slopes that gains follow on the slip model, of those that they do not follow."""
+        return {}
+
     @abstractmethod
     def make_bench(self, spec: LoopSpec) -> Bench:
         """Build the test bench of a loop."""

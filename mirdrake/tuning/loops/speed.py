@@ -1,6 +1,7 @@
 """Loops of speed: that of the driven wheels and that of the car, by wheel torque or by pedals."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -28,7 +29,7 @@ from mirdrake.tuning.identify import (
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
 from mirdrake.tuning.loops.reduced import outer_factor
-from mirdrake.tuning.loops.slip import make_slip_model
+from mirdrake.tuning.loops.slip import fault_on_own_slopes, make_slip_model
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult, run_relay_test
@@ -46,6 +47,12 @@ SETTLING = 2.15
 
 GRIP = 1.0 - FRICTION_RESERVE
 """Largest share of the grip that the vehicle's own slopes may need in the test [1]; no gains follow steeper ones."""
+
+LEAST_SLOPE = 0.3
+"""Smallest part of the vehicle's own slopes for which the largest one that gains follow is searched [1]."""
+
+SLOPE_STEPS = 6
+"""Tests of a slope in this search."""
 
 SLOWEST_SPEED = 0.1
 """Speed from which the vehicle's own slopes are driven, over the largest speed of the test [1]."""
@@ -155,18 +162,51 @@ class WheelSpeedLoop(VehicleLoop):
 
         The set-point has the slopes of the vehicle's control.yaml, as in a run, up to what the tyres can follow.
         """
+        limits = load_vehicle(loop.diagram["vehicles"][loop.vehicle]["model"]).control.speed
+        rise, fall = limits.max_acceleration, limits.max_deceleration
+        if loop.model is not None and loop.model.slip is not None:
+            rise = min(rise, GRIP * loop.model.slip.largest())
+            fall = min(fall, GRIP * loop.model.slip.largest(backward=True))
+        return self._at_slopes(loop, rise, fall)
+
+    def followed_slopes(self, loop: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:
+        """Return the largest slopes that gains follow on the slip model, by key of control.yaml.
+
+        Slopes that they follow as they are, are left out; without a slope that they follow, there are none.
+
+        Args:
+            loop: the loop, with its slip model.
+            gains: by name.
+        """
+        own = self.at_own_slopes(loop)
+        limits = own.diagram["vehicles"][own.vehicle]["control"]["speed"]
+        names = ("max_acceleration", "max_deceleration")
+        slopes = {name: LEAST_SLOPE * limits[name] for name in names}
+        if fault_on_own_slopes(self._at_slopes(loop, *slopes.values()), gains):
+            return {}
+        needed = {}
+        for name in names:
+            low, high = slopes[name], float(limits[name])
+            tried = high
+            for _ in range(SLOPE_STEPS):
+                fails = bool(fault_on_own_slopes(self._at_slopes(loop, *(slopes | {name: tried}).values()), gains))
+                low, high = (low, tried) if fails else (tried, high)
+                if not fails and tried == limits[name]:
+                    break
+                tried = 0.5 * (low + high)
+            slopes[name] = low
+            if low < limits[name]:
+                needed[name] = low
+        return needed
+
+    def _at_slopes(self, loop: LoopSpec, rise: float, fall: float) -> LoopSpec:
+        """Return a loop whose test is up and down with slopes of the set-point [m/s²]."""
         entry = loop.diagram["vehicles"][loop.vehicle]
-        vehicle = load_vehicle(entry["model"])
-        scale = self.speed_per_output(vehicle)
+        scale = self.speed_per_output(load_vehicle(entry["model"]))
         top = max(loop.course.speed, loop.course.speed + loop.course.step * scale)
         low = SLOWEST_SPEED * top
-        limits = vehicle.control.speed
-        rise, fall = limits.max_acceleration, limits.max_deceleration
         model = loop.model
         if model is not None:
-            if model.slip is not None:
-                rise = min(rise, GRIP * model.slip.largest())
-                fall = min(fall, GRIP * model.slip.largest(backward=True))
             # The model of the loop is in its units.
             model = replace(model, start=low / scale, rise=rise / scale, fall=fall / scale)
 
