@@ -6,12 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Array, Log
+from mirdrake.identification.input_noise import white_noise, without_noise
 from mirdrake.identification.models.base import Model, Segment
 from mirdrake.identification.timing import median_step
+from mirdrake.readers.units import format_unit
 
 MAX_GAP = 0.25
 """Gaps of the inputs up to this length are interpolated [s]; a longer one ends a segment."""
+
+NOTABLE = 0.01
+"""Noise of an input over its standard deviation above which it is reported [1]."""
 
 MAX_SAMPLES = 400_000
 """Largest number of samples of a data set; larger ones are averaged as well."""
@@ -114,10 +120,16 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
         if last - first < MIN_SAMPLES:
             continue
         rows_ = slice(first, last)
+        # A fit takes its inputs as exact, so their noise is removed from them.
+        clean = {name: without_noise(values[rows_], white_noise(values[rows_])) for name, values in inputs.items()}
+        for name, values in clean.items():
+            removed = float(np.std(values - inputs[name][rows_]))
+            if removed > NOTABLE * float(np.std(values)):
+                size = f"{removed:.2g} {format_unit(channel(name).unit)}"
+                notes.append(f"log {log.name}: noise of {name} removed ({size})")
         drives.append(
             Segment(
-                log.name, log.use, float(even[first]), step,
-                {name: values[rows_] for name, values in inputs.items()},
+                log.name, log.use, float(even[first]), step, clean,
                 {name: values[rows_] for name, values in outputs.items()},
             )
         )  # fmt: skip

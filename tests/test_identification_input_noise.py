@@ -1,0 +1,63 @@
+"""Noise of recorded inputs: its size, the filter that removes it, and what it does to a fit."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from mirdrake.identification.input_noise import white_noise, without_noise
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(5)
+
+
+def slow(random, size, width=20.0):
+    """Return a Gaussian signal of unit variance that has no power above some 3 / width rad per sample."""
+    values = gaussian_filter1d(random.normal(size=size), width)
+    return values / values.std()
+
+
+@pytest.mark.parametrize(("size", "accuracy"), [(500, 0.1), (2000, 0.05), (8000, 0.05)])
+@pytest.mark.parametrize("noise", [0.003, 0.1])
+def test_the_size_of_white_noise_is_found_beside_a_signal(random, size, accuracy, noise):
+    sizes = [white_noise(slow(random, size) + noise * random.normal(size=size)) for _ in range(20)]
+    assert np.mean(sizes) == pytest.approx(noise, rel=accuracy)
+
+
+def test_steps_and_held_values_have_no_noise(random):
+    steps = np.repeat(random.normal(size=40), 50)
+    held = np.repeat(slow(random, 500), 4)
+    assert white_noise(steps) == 0.0
+    assert white_noise(held) == 0.0
+    assert without_noise(steps, 0.0) is steps
+
+
+def test_fast_steering_is_not_noise():
+    """A sweep up to a third of the sample rate, 25 Hz."""
+    time = np.arange(0.0, 30.0, 0.04)
+    sweep = np.sin(2.0 * np.pi * (0.2 * time + 0.5 * 8.0 / 30.0 * time**2))
+    assert np.allclose(without_noise(sweep, white_noise(sweep)), sweep, atol=0.01)
+
+
+def test_the_filter_is_that_of_wiener(random):
+    """White noise of the variance S in white noise of the variance σ²: all is multiplied by S / (S + σ²)."""
+    signal, noise = random.normal(size=20_000), 0.5 * random.normal(size=20_000)
+    expected = (signal + noise) / 1.25
+    assert np.std(without_noise(signal + noise, 0.5) - expected) < 0.1 * np.std(expected)
+
+
+def test_a_regression_on_the_filtered_input_is_consistent(random):
+    """A gain of 2 from a signal of variance 1 in noise of variance 1 would be attenuated to 2 · 1 / (1 + 1)."""
+    signal = slow(random, 40_000)
+    recorded = signal + random.normal(size=len(signal))
+    answer = 2.0 * signal + 0.1 * random.normal(size=len(signal))
+    clean = without_noise(recorded, white_noise(recorded))
+    assert answer @ recorded / (recorded @ recorded) == pytest.approx(1.0, rel=0.05)
+    assert answer @ clean / (clean @ clean) == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_ramp_keeps_its_ends(random):
+    ramp = np.linspace(0.0, 1.0, 1000)
+    clean = without_noise(ramp + 0.001 * random.normal(size=1000), 0.001)
+    assert np.max(np.abs(clean - ramp)) < 0.003
