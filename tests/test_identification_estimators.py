@@ -21,7 +21,7 @@ from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
 from mirdrake.identification.estimators.output_error import initial_noise
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
-from mirdrake.identification.estimators.solve import assess, minimise, robust, solve
+from mirdrake.identification.estimators.solve import assess, minimise, robust
 from mirdrake.identification.fit import load_fit
 from mirdrake.identification.identify import identify
 from mirdrake.identification.judgement import Direction
@@ -361,11 +361,11 @@ def test_a_bootstrap_of_identify_bolt_has_the_intervals_of_refits_in_a_tenth_of_
     study.write_text((ROOT / "studies" / "identify_bolt.yaml").read_text())
     minima: list[Any] = []
 
-    def remember(problem, options, z=None):
-        minima.append(solve(problem, options, z))
-        return minima[-1]
+    def remember(found, options):
+        minima.append(found)
+        return assess(found, options)
 
-    monkeypatch.setattr(output_error, "solve", remember)
+    monkeypatch.setattr(output_error, "assess", remember)
     identify(load_identification(study), study.parent)
     compare_with_refits(minima[-1], EstimatorOptions(bootstrap=200, seed=3))
 

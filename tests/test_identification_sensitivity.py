@@ -13,7 +13,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.sensitivity import assumption_effects, expected_square
-from mirdrake.identification.estimators.solve import assess, minimise, solve
+from mirdrake.identification.estimators.solve import assess, minimise
 from mirdrake.identification.identifiability import CALIBRATION
 from mirdrake.identification.models import ModelSpec
 from mirdrake.identification.models.base import Assumption, Segment
@@ -61,7 +61,7 @@ def drive(bend, seed=0):
 
 def effects(model, bend, settings, seed=0):
     problem = Problem(model, [drive(bend, seed)], resolve_parameters(model.parameters, settings), {"y": NOISE}, False)
-    solution = solve(problem, LINEAR)
+    solution = assess(minimise(problem, LINEAR, passes=3), LINEAR)
     computed = assumption_effects(solution, LINEAR, lambda options: Line())
     return solution, computed
 

@@ -17,9 +17,9 @@ from mirdrake.identification.estimators.experiment_design import Candidate, rank
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem, transfer_states
 from mirdrake.identification.estimators.profile import profiles_of
-from mirdrake.identification.estimators.segments import MIN_SAMPLES, make_segments
+from mirdrake.identification.estimators.segments import MIN_SAMPLES, after_unknown_inputs, make_segments
 from mirdrake.identification.estimators.sensitivity import assumption_effects
-from mirdrake.identification.estimators.solve import Minimum, Solution, minimise, solve
+from mirdrake.identification.estimators.solve import Minimum, Solution, assess, minimise
 from mirdrake.identification.fit import ChannelFit, Fit
 from mirdrake.identification.identifiability import Uncertainty, combinations, judge
 from mirdrake.identification.models.base import SPEED, Array, AssumptionEffect, Model, ModelSpec, Segment
@@ -66,15 +66,7 @@ def fit(
     if problem.samples <= 10 * problem.size:
         text = f"{problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         raise ConfigError(text, path=("data",))
-    # A minimum of the same structure gives the unknowns and the noise.
-    z = None
-    if start is not None:
-        z = problem.scaled(start.values)
-        z[len(problem.free) :] = transfer_states(start.z, start.problem, problem)
-        # A start from which the model diverges is left to the optimiser, which reports it.
-        if np.isfinite(problem.residuals(z)).all():
-            problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
-    solution = solve(problem, options, z)
+    solution = assess(_minimum(problem, options, start), options)
     effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
@@ -84,6 +76,31 @@ def fit(
         structures=structures,
     )  # fmt: skip
     return replace(result, seconds=time.perf_counter() - begun)
+
+
+def _minimum(problem: Problem, options: EstimatorOptions, start: Minimum | None) -> Minimum:
+    """Return the minimum over the samples that depend on recorded inputs only.
+
+    Args:
+        problem: problem with all samples and a first guess of the noise.
+        options: options of the estimator.
+        start: minimum of the same structure; None starts from the guesses.
+    """
+    found = start or minimise(problem, options, passes=3)
+    # Only now are the delays and lags known that relate the first samples to inputs before the log.
+    drives = after_unknown_inputs(problem.model, problem.drives, found.values)
+    is_whole = all(short is drive for short, drive in zip(drives, problem.drives, strict=True))
+    if is_whole and start is None:
+        return found
+    # The earlier minimum gives the unknowns and the noise; initial states only where the first samples are the same.
+    problem = replace(problem, drives=drives)
+    z = problem.scaled(found.values)
+    if is_whole:
+        z[len(problem.free) :] = transfer_states(found.z, found.problem, problem)
+    # A start from which the model diverges is left to the optimiser, which reports it.
+    if np.isfinite(problem.residuals(z)).all():
+        problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
+    return minimise(problem, options, z, passes=3)
 
 
 def between_parts(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
@@ -97,7 +114,7 @@ def between_parts(data: DataSet, solution: Solution, options: EstimatorOptions) 
     parts = split(problem, solution.z, options.loss, 0.5 * span if len(problem.drives) == 1 else np.inf)
     values, count = problem.values(solution.z), len(problem.free)
     for log in data.validation:
-        drives, _ = make_segments(problem.model, (log,))
+        drives = after_unknown_inputs(problem.model, make_segments(problem.model, (log,))[0], values)
         # Only offsets and initial states are fitted to a validation log; its score then tests the parameters.
         fixed = Problem(problem.model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
         other = replace(fixed, unknowns=problem.unknowns)
@@ -278,7 +295,8 @@ def simulate_validation(
     model: Model, log: Log, unknowns: Sequence[FitParameter], problem: Problem
 ) -> list[tuple[Segment, Array]]:
     """Return the segments of a validation log and the model outputs, with fitted initial states and offsets."""
-    drives, _ = make_segments(model, (log,))
+    values = {unknown.info.name: unknown.info.guess for unknown in unknowns}
+    drives = after_unknown_inputs(model, make_segments(model, (log,))[0], values)
     again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
     try:
         z = minimise(again, EstimatorOptions(iterations=20)).z

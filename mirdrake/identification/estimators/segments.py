@@ -1,5 +1,6 @@
 """Segments of logs for the estimators: constant step, inputs without gaps."""
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +25,13 @@ MAX_SAMPLES = 400_000
 
 HISTORY = 2.0
 """Duration of the inputs kept before the beginning of a piece, for delays and lags [s]."""
+
+SETTLED = 3.0
+"""Time constants after which a lag has forgotten its initial state [1]: 5 % are left."""
+
+MIN_SLOPE, MOVES = 4, 0.02
+"""Least number of samples for the slope at the beginning of an input; change within dead time and lag, over its range,
+from which it moves there [1]."""
 
 MIN_SAMPLES = 20
 """Least number of samples of a segment."""
@@ -56,6 +64,45 @@ def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = Non
     if faults:
         raise ConfigError(faults=faults)
     return pieces, notes
+
+
+def after_unknown_inputs(model: Model, drives: Sequence[Segment], p: Mapping[str, float]) -> list[Segment]:
+    """Return segments without their beginnings that depend on inputs before the log.
+
+    A dead time d and a lag τ relate the first samples to inputs that are not recorded. Before its first sample an input
+    is taken as held, which is right for a log that begins with a command at rest. If the command moves there, the
+    response is unknown until d + 3 τ, when 5 % of the difference are left; these samples are used as history only.
+
+    Args:
+        model: model with dead times and lags.
+        drives: segments.
+        p: parameters.
+    """
+    shorter = []
+    for drive in drives:
+        rows, most = 0, drive.size // 5  # at least four fifths of a segment are kept, however slow the response is
+        for name, (delay, lag) in model.input_memory(p).items():
+            if drive.before.get(name, np.empty(0)).size:
+                continue
+            values = drive.inputs[name]
+            early = min(max(round((max(delay, 0.0) + lag) / drive.step), MIN_SLOPE), most)
+            slope = float(np.polyfit(np.arange(early), values[:early], 1)[0])
+            if abs(slope) * early > MOVES * float(np.ptp(np.percentile(values, (5.0, 95.0)))):
+                rows = max(rows, round((max(delay, 0.0) + SETTLED * lag) / drive.step))
+        shorter.append(_without_beginning(drive, min(rows, most)))
+    return shorter
+
+
+def _without_beginning(drive: Segment, rows: int) -> Segment:
+    """Return a segment whose first samples are history."""
+    if rows == 0:
+        return drive
+    return Segment(
+        drive.log, drive.part, drive.start + drive.step * rows, drive.step,
+        {name: values[rows:] for name, values in drive.inputs.items()},
+        {name: values[rows:] for name, values in drive.outputs.items()},
+        {name: values[:rows] for name, values in drive.inputs.items()},
+    )  # fmt: skip
 
 
 def _check_channels(model: Model, log: Log) -> None:

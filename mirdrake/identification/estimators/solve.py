@@ -67,15 +67,6 @@ class Minimum(NamedTuple):
         return self.problem.values(self.z)
 
 
-def solve(problem: Problem, options: EstimatorOptions, z: Array | None = None) -> Solution:
-    """Fit, alternating with the noise of the outputs, and return the solution with its covariance.
-
-    Raises:
-        RunError: the model diverges from the first guess.
-    """
-    return assess(minimise(problem, options, z, passes=3), options)
-
-
 def minimise(
     problem: Problem, options: EstimatorOptions, z: Array | None = None, *, passes: int = 1, close: float | None = None
 ) -> Minimum:

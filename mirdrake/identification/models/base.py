@@ -250,6 +250,11 @@ class Model(ABC):
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Return guesses of the states at samples of a segment (states, rows), from the measurements."""
 
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead time and lag of the inputs that have one, by channel [s]."""
+        del p
+        return {}
+
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return physically meaningful combinations of parameters: value and unit by name."""
         del p

@@ -1,5 +1,6 @@
 """Models whose outputs follow from their inputs alone: kinematic car, steering, joint behind its servo."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -85,6 +86,10 @@ class KinematicModel(_DirectModel):
         """Return road wheel angle [rad] and speed [m/s]."""
         return np.stack((steering_angle(p, drive, self._steer, times), drive.at(self._speed, times)))
 
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead time and lag of the steering."""
+        return {self._steer: (p["steering_delay"], p["steering_lag"])}
+
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Return yaw rate and lateral acceleration."""
         # The unused state is added as zero, so that the result has the shape of all columns and shots.
@@ -148,6 +153,10 @@ class SteeringModel(_DirectModel):
         """Return the road wheel angle [rad]."""
         return steering_angle(p, drive, self._steer, times)[None]
 
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead time and lag of the steering."""
+        return {self._steer: (p["steering_delay"], p["steering_lag"])}
+
     def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
         del drives
@@ -207,6 +216,12 @@ class JointLoopModel(_DirectModel):
         wide, early = drive.with_history(times)
         target = p["gain"] * drive.at(self._input, wide, p["delay"]) + p["offset"]
         return second_order(target, step, p["natural_frequency"], p["damping_ratio"])[None, early:]
+
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead time and slower time constant of the loop."""
+        damping = p["damping_ratio"]
+        decay = p["natural_frequency"] * (damping - math.sqrt(max(damping**2 - 1.0, 0.0)))
+        return {self._input: (p["delay"], 1.0 / decay)}
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return the servo gains and the total delay of the loop."""

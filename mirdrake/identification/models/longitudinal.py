@@ -160,6 +160,13 @@ class LongitudinalModel(EquationModel):
         signals.append(np.sin(drive.at("grade", times)) if self._grade else zero)
         return np.stack(signals)
 
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead times and lags of drive and brake."""
+        sources = (("drive", self._drive, _DRIVE), ("brake", self._brake, _BRAKE))
+        return {
+            channels[kind]: (p[f"{name}_delay"], p[f"{name}_lag"]) for name, kind, channels in sources if kind != "none"
+        }
+
     def _acceleration(self, x: Array, u: Array, p: Values) -> Array:
         v, m = x[0], p["mass"]
         push = u[0]

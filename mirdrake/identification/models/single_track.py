@@ -275,6 +275,10 @@ class SingleTrackModel(CompiledModel):
         turning = np.gradient(angle, step)
         return np.stack((angle, *self._speed_signals(drive, times), turning, np.gradient(turning, step)))
 
+    def input_memory(self, p: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return dead time and lag of the steering."""
+        return {self._steer: (p["steering_delay"], p["steering_lag"])}
+
     def _speed_signals(self, drive: Segment, times: Array) -> tuple[Array, Array]:
         """Return speed [m/s] and its rate [m/s²]; they do not depend on parameters and are kept for the last times."""
         cached = self._speeds.get(id(drive))
