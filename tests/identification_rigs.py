@@ -86,8 +86,9 @@ def exact(duration=30.0, step=0.01, manoeuvre=None):
     def rates(t, x):
         vy, r, delta = x
         v, angle = pace(t), delta + p["steering_offset"]
-        front = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle) * np.cos(angle)
-        front = front + pull(push(t), angle)
+        tyres = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle)
+        # The wheels hold the speed against the backward part of the front lateral force.
+        front = tyres * np.cos(angle) + pull(push(t) - MASS * r * vy + tyres * np.sin(angle), angle)
         rear = -p["cornering_stiffness_rear"] * np.arctan((vy - REAR * r) / v)
         command = steer(max(t - late, 0.0))
         return [

@@ -26,6 +26,8 @@ from mirdrake.identification.models.single_track_equations import (
     accelerations,
     axle_forces,
     lateral_force,
+    slip_angles,
+    total_force,
 )
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
@@ -39,6 +41,31 @@ HELD = {name: Setting(fixed=value) for name, value in KNOWN.items()} | {"acceler
 
 def single_track(**options):
     return make_model(ModelSpec("single_track", options), lateral_data(), KNOWN)
+
+
+@pytest.mark.parametrize("speed", [6.0, 15.0])
+def test_the_force_of_the_wheels_in_a_steady_turn_is_what_slip_dissipates(speed):
+    """X vx of a rear axle equals the lateral forces times the lateral velocities of the axles along them."""
+    model = single_track()
+    p = {info.name: info.guess for info in model.parameters} | TRUTH | {"front_drive": 0.0, "front_brake": 0.0}
+    numbers, delta = model._numbers(p), 0.12
+    u = np.array([delta, speed, 0.0, 0.0, 0.0])
+    steady = root(lambda x: model.rates(x[:, None, None], u[:, None, None], p)[:, 0, 0], np.zeros(2), tol=1e-13).x
+    state, inputs = TrackState(*steady), TrackInputs(*u)
+    front, rear = forces_of(model, steady, u, p, slip_angles(model._flags([p]), numbers, state, inputs))
+    across = (state.vy + FRONT * state.yaw_rate) * np.cos(delta) - speed * np.sin(delta)
+    dissipated = -front * across - rear * (state.vy - REAR * state.yaw_rate)
+    assert dissipated > 0.0
+    assert total_force(numbers, state, inputs) * speed == pytest.approx(dissipated, rel=1e-6)
+
+
+def test_wheels_that_roll_without_slip_need_no_force_in_a_turn():
+    model = single_track()
+    p = {info.name: info.guess for info in model.parameters} | TRUTH
+    rate = 5.0 * math.tan(0.4) / (FRONT + REAR)
+    state = TrackState(vy=REAR * rate, yaw_rate=rate)
+    force = total_force(model._numbers(p), state, TrackInputs(0.4, 5.0, 0.0, 0.0, 0.0))
+    assert force == pytest.approx(0.0, abs=1e-9 * MASS)
 
 
 def forces_of(model, x, u, p, slips=(0.0, 0.0)):

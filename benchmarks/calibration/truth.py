@@ -126,15 +126,20 @@ def _rates(x, angle, speed, pull, c, law):  # type: ignore[no-untyped-def]
     slip_rear = math.atan2(vy - b * r, speed)
     used_front = x[4] if relax > 0.0 else slip_front
     used_rear = x[5] if relax > 0.0 else slip_rear
-    ahead = m * (pull - r * vy)
-    share = c[17] if ahead > 0.0 else c[18]
+    body = m * (pull - r * vy)
     length = a + b
     g = 9.80665
-    load_front = m * g * b / length - m * pull * height / length
-    load_rear = m * g * a / length + m * pull * height / length
+    load_front = m * g * b / length - body * height / length
+    load_rear = m * g * a / length + body * height / length
     over = m * (roll / gain if gain > 0.0 else 0.0) * height / track
     forces = np.zeros(2)
-    for axle in range(2):
+    ahead, share = body, c[17]
+    # The wheels overcome the backward part of the front lateral force, which depends on their force by the friction.
+    for step in range(6):
+        axle = step % 2
+        if axle == 0:
+            share = c[17] if body + forces[0] * math.sin(angle) > 0.0 else c[18]
+            ahead = (body + forces[0] * math.sin(angle)) / (1.0 - share + share * math.cos(angle))
         load = load_front if axle == 0 else load_rear
         usual = m * g * (b if axle == 0 else a) / length
         along = ahead * (share if axle == 0 else 1.0 - share)

@@ -45,10 +45,12 @@ Load transfer: under braking the front tyres carry more, and the car turns in mo
 axle are proportional to its load. The load transfer h (option) is the height of the centre of mass if they are
 proportional to the load, and less if they grow more slowly::
 
-    Nf = m g b / L - h (m dvx/dt + D vx²) / L        Nr = m g a / L + h (m dvx/dt + D vx²) / L
+    Nf = m g b / L - h A / L        Nr = m g a / L + h A / L        A = m (dvx/dt - r vy) + D vx²
 
-with the drag D vx² that acts at the centre of mass, where it is known. The longitudinal force of the front axle follows
-its wheels and has the lateral component f (m dvx/dt + D vx²) sin δ; f is the front axle's share of the drive force, or
+with the drag D vx² that acts at the centre of mass, where it is known. The wheels also overcome the backward part of
+the lateral force of the front axle, which is m b vx r / (L cos δ) nearly, so that all of them have the longitudinal
+force X = A + m b vx r tan δ / L. In a steady turn that is the cornering resistance -m vx r (b αf + a αr) / L, zero
+without slip. The longitudinal force of the front axle follows its wheels and has the lateral component f X sin δ; f is the front axle's share of the drive force, or
 of the braking force. At full lock that is a third of it; if it were omitted, it would look like a delay of the steering
 and a small yaw inertia. The longitudinal force X uses its share of the friction first: lateral forces are multiplied by
 √(1 - X² / μ² N²), and by 0.3 at least.

@@ -95,11 +95,11 @@ def axle_forces(
     # Stiffness and friction scale with the load, so a force at another load is a scaled force at the static one.
     length = p.front_length + p.rear_length
     load_front, load_rear = p.mass * (GRAVITY / length) * p.rear_length, p.mass * (GRAVITY / length) * p.front_length
-    total = total_force(p, u)
-    moved = p.load_transfer / length * total
+    moved = p.load_transfer / length * inertial_force(p, x, u)
     more_front = larger(1.0 - moved / load_front, _MIN_LOAD)
     more_rear = larger(1.0 + moved / load_rear, _MIN_LOAD)
     # The forces at the static load are scaled by the load, so the longitudinal force is divided by it first.
+    total = total_force(p, x, u)
     along_front = front_force(p, total)
     along_rear = total - along_front
     return (
@@ -114,9 +114,16 @@ def axle_forces(
     )  # fmt: skip
 
 
-def total_force(p: Any, u: TrackInputs) -> Value:
-    """Return the longitudinal force of all wheels against inertia and drag [N]."""
-    return p.mass * u.acceleration + p.drag * u.speed * u.speed
+def inertial_force(p: Any, x: TrackState, u: TrackInputs) -> Value:
+    """Return the longitudinal force on the car against inertia and drag, in the axes of the car [N]."""
+    return p.mass * (u.acceleration - x.yaw_rate * x.vy) + p.drag * u.speed * u.speed
+
+
+def total_force(p: Any, x: TrackState, u: TrackInputs) -> Value:
+    """Return the longitudinal force of all wheels, which overcomes the backward part of the front lateral force [N]."""
+    delta = u.angle + x.steering_deflection
+    share = p.rear_length / (p.front_length + p.rear_length)
+    return inertial_force(p, x, u) + p.mass * share * u.speed * x.yaw_rate * sin(delta) / cos(delta)
 
 
 def front_force(p: Any, total: Value) -> Value:
@@ -179,7 +186,7 @@ def accelerations(
     delta, vx = u.angle + x.steering_deflection, u.speed
     # Forces of the front axle in the axes of the car.
     sine, cosine = sin(delta), cos(delta)
-    front = front * cosine + front_force(p, total_force(p, u)) * sine
+    front = front * cosine + front_force(p, total_force(p, x, u)) * sine
     ahead, behind, inertia = p.front_length, p.rear_length, p.yaw_inertia + p.spin_inertia
     if k.relaxation:
         ahead, behind = ahead - p.trail_front, behind + p.trail_rear
@@ -379,7 +386,7 @@ EQUATIONS = LogEquations(
     fill_rates,
     fill_outputs,
     (
-        rates, rates_of, motion_of, observe_in, slip_angles, axle_forces, total_force, front_force, lateral_force,
+        rates, rates_of, motion_of, observe_in, slip_angles, axle_forces, inertial_force, total_force, front_force, lateral_force,
         accelerations, relaxation_time, earlier, inputs_before, moved, read_track, read_inputs,
     ),
 )  # fmt: skip
