@@ -322,9 +322,10 @@ def braking(height, seed=0, drive=0.5):
     channels = []
     for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
         channels.append((vy, turn))
-        moved = height / (9.81 * 0.16) * ax
-        force = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer)
-        force += pull(ax, steer, drive)
+        along = ax - turn * vy
+        moved = height / (9.81 * 0.16) * along
+        tyres = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer)
+        force = tyres * math.cos(steer) + pull(along + tyres * math.sin(steer), steer, drive)
         two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
         vy, turn = (
             vy + 1e-3 * (force + two - now * turn),

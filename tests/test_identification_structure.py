@@ -32,8 +32,10 @@ def relaxing(length, seed=0, duration=20.0):
         slips = np.arctan((vy + FRONT * r) / v) - angle, np.arctan((vy - REAR * r) / v)
         if length == 0.0:
             front, rear = slips
-        ahead = pull(MASS * 1.4 * np.cos(0.2 * t), angle)  # 1.4 cos 0.2 t is the rate of the speed
-        side = ahead - p["cornering_stiffness_front"] * front * np.cos(angle), -p["cornering_stiffness_rear"] * rear
+        tyres = -p["cornering_stiffness_front"] * front
+        # 1.4 cos 0.2 t is the rate of the speed.
+        ahead = pull(MASS * (1.4 * np.cos(0.2 * t) - r * vy) + tyres * np.sin(angle), angle)
+        side = ahead + tyres * np.cos(angle), -p["cornering_stiffness_rear"] * rear
         late = [v * (slip - now) / length if length else 0.0 for slip, now in zip(slips, (front, rear), strict=True)]
         return [sum(side) / MASS - v * r, (FRONT * side[0] - REAR * side[1]) / p["yaw_inertia"], *late]
 
