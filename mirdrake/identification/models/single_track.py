@@ -50,10 +50,10 @@ proportional to the load, and less if they grow more slowly::
 with the drag D vx² that acts at the centre of mass, where it is known. The wheels also overcome the backward part of
 the lateral force of the front axle, which is m b vx r / (L cos δ) nearly, so that all of them have the longitudinal
 force X = A + m b vx r tan δ / L. In a steady turn that is the cornering resistance -m vx r (b αf + a αr) / L, zero
-without slip. The longitudinal force of the front axle follows its wheels and has the lateral component f X sin δ; f is the front axle's share of the drive force, or
-of the braking force. At full lock that is a third of it; if it were omitted, it would look like a delay of the steering
-and a small yaw inertia. The longitudinal force X uses its share of the friction first: lateral forces are multiplied by
-√(1 - X² / μ² N²), and by 0.3 at least.
+without slip. The longitudinal force of the front axle follows its wheels and has the lateral component f X sin δ; f is
+the front axle's share of the drive force, or of the braking force. At full lock that is a third of it; if it were
+omitted, it would look like a delay of the steering and a small yaw inertia. The longitudinal force X of an axle uses
+its share of the friction first: lateral forces are multiplied by √(1 - X² / μ² N²), and by 0.3 at least.
 
 Below the speed v1 = 0.2 sqrt(g L) the car moves kinematically, above 3 v1 as written here, with a blend in between.
 Without a mass, stiffnesses and inertia are per kilogram, which is all that the motion determines.

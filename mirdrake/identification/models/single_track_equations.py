@@ -386,8 +386,8 @@ EQUATIONS = LogEquations(
     fill_rates,
     fill_outputs,
     (
-        rates, rates_of, motion_of, observe_in, slip_angles, axle_forces, inertial_force, total_force, front_force, lateral_force,
-        accelerations, relaxation_time, earlier, inputs_before, moved, read_track, read_inputs,
+        rates, rates_of, motion_of, observe_in, slip_angles, axle_forces, inertial_force, total_force, front_force,
+        lateral_force, accelerations, relaxation_time, earlier, inputs_before, moved, read_track, read_inputs,
     ),
 )  # fmt: skip
 """Equations for :func:`mirdrake.batched.log_runs.run_log`."""
