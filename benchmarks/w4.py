@@ -14,8 +14,8 @@ from typing import Any
 RUNS, DURATION = 32, 10.0
 """Number of runs, and simulated time of each [s]."""
 
-STEPS = (0.005, 0.010, 0.020)
-"""Plant steps [s]; point contact."""
+PLANTS = (("tyre", 0.005), ("tyre", 0.010), ("tyre", 0.020), ("point", 0.005), ("point", 0.020))
+"""Contact settings and plant steps [s]."""
 
 GAINS = (0.3, 0.7)
 """Range of the speed loop's gain over the runs."""
@@ -40,20 +40,20 @@ def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> 
 
     gains = [float(gain) for gain in _gains(runs)]
     results: dict[str, Any] = {}
-    for step in STEPS:
-        ms = round(1e3 * step)
-        study = _study(step, runs, duration)
+    for contact, step in PLANTS:
+        plant = f"{contact}_{round(1e3 * step)}_ms"
+        study = _study(contact, step, runs, duration)
         repetitions = [_measure(study) for _ in range(repeat)]
         for name in ("spawn", "fork"):
-            results[f"mirdrake_{ms}_ms_{name}"] = _row(
+            results[f"mirdrake_{plant}_{name}"] = _row(
                 [repetition[name] for repetition in repetitions], runs, duration, repetitions[0]["speeds"]
             )
-        results[f"cpu_{ms}_ms"] = {
+        results[f"cpu_{plant}"] = {
             key: min(repetition["cpu"][key] for repetition in repetitions)
             for key in ("set_up_s", "s_per_run", "ms_per_simulated_s")
         }
-    data = load_diagram("w1", overrides=["plant.contact=point", f"plant.time_step={step}"]).model_dump(mode="json")
-    results[f"plain_pool_{ms}_ms"] = _sweep(
+    data = load_diagram("w1", overrides=[f"plant.contact={contact}", f"plant.time_step={step}"]).model_dump(mode="json")
+    results[f"plain_pool_{plant}"] = _sweep(
         _start_mirdrake, (data,), _run_mirdrake, gains, duration=duration, repeat=repeat
     )
     try:
@@ -73,10 +73,10 @@ def _gains(runs: int) -> list[float]:
     return [GAINS[0] + (GAINS[1] - GAINS[0]) * i / max(runs - 1, 1) for i in range(runs)]
 
 
-def _study(step: float, runs: int, duration: float) -> dict[str, Any]:
+def _study(contact: str, step: float, runs: int, duration: float) -> dict[str, Any]:
     return {
         "diagram": "w1",
-        "overrides": {"plant.contact": "point", "plant.time_step": step},
+        "overrides": {"plant.contact": contact, "plant.time_step": step},
         "parameters": {"ego.speed.kp": {"values": _gains(runs)}},
         "metrics": ["benchmarks.w4:final_speed"],
         "duration": duration,

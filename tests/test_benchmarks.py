@@ -51,7 +51,7 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
             ],
         ),
         ("w3", {"360x1", "16x900"}),
-        pytest.param("w4", {"mirdrake_10_ms_spawn", "mirdrake_10_ms_fork"}, marks=pytest.mark.slow),
+        pytest.param("w4", {"mirdrake_tyre_10_ms_spawn", "mirdrake_tyre_10_ms_fork"}, marks=pytest.mark.slow),
         ("w5", {"wall_ms_per_simulated_s", "cpu_ms_per_simulated_s", "best_error"}),
         pytest.param("tyres", {"drives", "rough_road", "single_track"}, marks=pytest.mark.slow),
         pytest.param("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}, marks=pytest.mark.slow),

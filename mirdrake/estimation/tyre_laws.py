@@ -12,7 +12,7 @@ from functools import cache
 from math import log
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.batched.arrays import Floats
 from mirdrake.single_track.dynamics import LateralForce, lateral_forces
@@ -54,7 +54,8 @@ def _table(tyres: str, shape: float, curvature: float) -> Floats:
     for use in _GRID.tolist():
         softening = _softening(use, own, shape, curvature, 0.0)
         others = [
-            brentq(_softening, 1e-9, _LARGEST, args=(law, _SHAPE, _CURVATURE, softening)) for law in laws.values()
+            scipy.optimize.brentq(_softening, 1e-9, _LARGEST, args=(law, _SHAPE, _CURVATURE, softening))
+            for law in laws.values()
         ]
         differences.append(max(abs(log(other / use)) for other in others))
     return np.array(differences)

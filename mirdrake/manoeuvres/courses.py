@@ -11,8 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import csr_matrix
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import Array
@@ -249,9 +248,9 @@ def within(
     cost[count + 2 :] = _STRAIGHT * step
     # y is free, bounds of absolute values are not negative.
     bounds = [(None, None)] * count + [(0.0, None)] * (size - count)
-    solution = linprog(
+    solution = scipy.optimize.linprog(
         cost,
-        A_ub=csr_matrix((values, (rows, columns)), shape=(len(limits), size)),
+        A_ub=scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(limits), size)),
         b_ub=np.array(limits),
         A_eq=fixed,
         b_eq=np.zeros(still + 1),

@@ -25,7 +25,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from scipy.optimize import brentq
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.plant.wheels.arms import NO_ARMS, ArmMotion, arm_motion, make_arms
@@ -166,7 +166,9 @@ def find_axles(
 
 def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], force: float) -> float:
     """Return the slip angle [rad] at which wheels together have a lateral force [N]."""
-    return float(brentq(lambda slip: sum(wheel(slip)[0] for wheel in wheels) - force, -_MAX_SLIP, _MAX_SLIP))
+    return float(
+        scipy.optimize.brentq(lambda slip: sum(wheel(slip)[0] for wheel in wheels) - force, -_MAX_SLIP, _MAX_SLIP)
+    )
 
 
 def _arms(vehicle: Vehicle, body: Body, roll: float) -> list[tuple[ArmMotion, ArmMotion]]:

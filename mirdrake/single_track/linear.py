@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from math import atan, nan, sqrt
 
 import numpy as np
+import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.systems.primitives import LinearSystem
-from scipy.optimize import brentq
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.single_track.dynamics import LateralForce, Variant, evaluate, lateral_force_of
@@ -283,7 +283,7 @@ def steady_steering(parameters: SingleTrackParameters, tyres: str, lateral_accel
             high *= 1.2
             if high > _LARGEST_SLIP:
                 return nan
-        slip = float(brentq(excess, 0.0, high, args=numbers, xtol=1e-9))
+        slip = float(scipy.optimize.brentq(excess, 0.0, high, args=numbers, xtol=1e-9))
         angles.append(atan(-slip - roll_slip * roll))
     return p.wheelbase * lateral_acceleration / speed**2 + angles[1] - angles[0]
 

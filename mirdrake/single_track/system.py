@@ -1,5 +1,6 @@
 """The single-track model as a Drake system, for double, AutoDiffXd and symbolic Expression."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from math import pi, remainder
@@ -20,7 +21,8 @@ from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
 from mirdrake.single_track.signals import FORCES, MOTION, STEERING
 
 
-@TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
+# Without a scope Drake looks for this module in the source of all frames of the stack, which takes 0.1 s.
+@TemplateSystem.define("SingleTrack_", scope=sys.modules[__name__])  # type: ignore[untyped-decorator, unused-ignore]
 def SingleTrack_(T: type) -> Any:  # noqa: N802
     """Return the class of single-track models for a scalar type; ``SingleTrack`` is that for floats.
 

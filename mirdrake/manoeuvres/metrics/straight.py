@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.metrics.transient import crossing
@@ -130,7 +130,7 @@ def road_load(time: Array, speed: Array, mass: float) -> RoadLoad:
     momentum = mass * (speed[0] - speed)
 
     # Non-negative least squares: a small negative coefficient of a noisy fit has no physical meaning.
-    coefficients = nnls(matrix / scale, momentum)[0] / scale
+    coefficients = scipy.optimize.nnls(matrix / scale, momentum)[0] / scale
     error = float(np.sqrt(np.mean((matrix @ coefficients - momentum) ** 2))) / mass
     a, b, c = coefficients.tolist()
     return RoadLoad(a, b, c, error)

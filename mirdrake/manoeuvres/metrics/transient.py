@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import csd, welch
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.manoeuvres.base import Array
 
@@ -143,9 +143,9 @@ def frequency_response(
     # Same segments for all spectra, else the ratio H1 = S_uy / S_uu is biased.
     count = min(len(time), round(segment * rate))
     settings = {"fs": rate, "nperseg": count, "noverlap": count // 2, "detrend": "constant"}
-    frequency, cross = csd(steering, answer, **settings)
-    _, power = welch(steering, **settings)
-    _, out = welch(answer, **settings)
+    frequency, cross = scipy.signal.csd(steering, answer, **settings)
+    _, power = scipy.signal.welch(steering, **settings)
+    _, out = scipy.signal.welch(answer, **settings)
     chosen = (frequency >= first) & (frequency <= last) & (power > 0.0)
     response = cross[chosen] / power[chosen]
     # The floor avoids 0/0 where the response has no power.

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
+import scipy  # it imports its parts when they are first used
 
 from mirdrake.vehicles import WHEELS, Vehicle
 
@@ -194,7 +194,7 @@ def _at(table: Table, z: Array) -> tuple[Array, Array]:
     if len(table) < 2:
         return np.full(len(z), table[0][1] if table else 0.0), np.zeros(len(z))
     travel, values = np.array(table).T
-    curve = PchipInterpolator(travel, values)
+    curve = scipy.interpolate.PchipInterpolator(travel, values)
     inside = np.clip(z, travel[0], travel[-1])
     slopes = curve.derivative()(inside)
     return curve(inside) + slopes * (z - inside), slopes

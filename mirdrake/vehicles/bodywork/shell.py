@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy  # it imports its parts when they are first used
 import shapely
-from scipy.interpolate import PchipInterpolator
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.vehicles.bodywork.mesh import Mesh
@@ -100,8 +100,11 @@ class Shell:
         self.materials = ["paint"] * len(faces)
 
     @cached_property
-    def _functions(self) -> dict[str, PchipInterpolator]:
-        return {name: PchipInterpolator(*np.array(getattr(self.curves, name)).T) for name in ("deck", "roof", "plan")}
+    def _functions(self) -> dict[str, scipy.interpolate.PchipInterpolator]:
+        return {
+            name: scipy.interpolate.PchipInterpolator(*np.array(getattr(self.curves, name)).T)
+            for name in ("deck", "roof", "plan")
+        }
 
     def value(self, name: str, x: float) -> float:
         """Return a curve at x: the height of deck or roof [m], or the half width of the plan [m]."""
