@@ -85,7 +85,7 @@ def choose_structure(
     costs = cross_validate(best_fit, options.loss)
     tried = [(best_fit, costs)]
     accepted: list[Addition] = []
-    gains: dict[str, float] = {}
+    shares: dict[str, float] = {}
     for turn in range(ROUNDS):
         # What the gradient promises most is tried first: similar effects, as lag and relaxation, exclude one another.
         # A lag or a tyre law that is missing makes all others misleading, so they are tried before and after them.
@@ -107,8 +107,8 @@ def choose_structure(
             tried.append((minimum, own))
             if predicts_better(costs, own):
                 # Only the additions that are still there keep their note.
-                gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
-                gains[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
+                shares = {addition.description: shares.get(addition.description, 0.0) for addition in additions}
+                shares[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
                 accepted, best = additions, _with_additions(model, settings, additions)
                 # The noise of a model that lacks the effect would hide further ones in the same output.
                 problem = replace(minimum.problem, sigmas=minimum.problem.spread(minimum.z))
@@ -127,7 +127,7 @@ def choose_structure(
     notes = tuple(
         f"not specified by the study, added because the training logs support it: {name} "
         f"({gain:.2g} % less cost of prediction)"
-        for name, gain in gains.items()
+        for name, gain in shares.items()
     )
     return best._replace(start=best_fit, notes=notes, rivals=rivals_of(tried))
 
@@ -138,12 +138,21 @@ def rivals_of(tried: Sequence[tuple[Minimum, Array]]) -> tuple[dict[str, float],
     Args:
         tried: minima with their costs of prediction by part.
     """
-    _, least = min(tried, key=lambda trial: float(np.sum(trial[1])))
+    _, least = min(tried, key=lambda trial: float(np.sum(np.log(trial[1]))))
     return tuple(
         {parameter.info.name: minimum.values[parameter.info.name] for parameter in minimum.problem.free}
         for minimum, costs in tried
-        if float(np.sum(costs - least)) <= standard_error(costs - least)
+        if float(np.sum(gains(least, costs))) >= -standard_error(gains(least, costs))
     )
+
+
+def gains(plain: Array, added: Array) -> Array:
+    """Return the logarithms of the costs of prediction without an effect over those with it (parts).
+
+    Half of it times the number of samples is the gain of the log-likelihood where each part has its own variance: the
+    misfit of a model grows with the motion, and one lively part would decide a sum of costs.
+    """
+    return np.log(plain) - np.log(added)
 
 
 def standard_error(gain: Array) -> float:
@@ -153,7 +162,7 @@ def standard_error(gain: Array) -> float:
 
 def predicts_better(plain: Array, added: Array) -> bool:
     """Return whether costs of prediction (parts) are less by enough standard errors."""
-    gain = plain - added
+    gain = gains(plain, added)
     return float(np.sum(gain)) > STANDARD_ERRORS * standard_error(gain)
 
 
