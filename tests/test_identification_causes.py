@@ -124,6 +124,15 @@ def test_an_effect_is_kept_if_most_parts_of_the_logs_are_predicted_better():
     assert not predicts_better(plain, plain + 1.0)
 
 
+def test_one_lively_part_does_not_decide_what_is_kept():
+    """Seven of eight parts are predicted 30 % better; the sum of the costs would be 1.2 standard errors better."""
+    plain = np.array([10_000.0, 100.0, 80.0, 120.0, 90.0, 110.0, 100.0, 90.0])
+    added = 0.7 * plain
+    added[1] = 101.0
+    assert np.sum(plain - added) < 1.5 * np.std(plain - added, ddof=1) * 8**0.5
+    assert predicts_better(plain, added)
+
+
 def test_models_that_predict_as_well_within_a_standard_error_count_as_uncertainty():
     """Their root mean square difference, of logarithms for a positive parameter; a worse model does not count."""
     inertia = FitParameter(Parameter("yaw_inertia", "kg m^2", "", 2000.0, 1.0, 1e5), "free")
