@@ -135,8 +135,7 @@ class PlantBench:
         if conditions.friction is not None and conditions.friction != spec.friction:
             self._parameters["road.friction"].apply(assembly, context, conditions.friction)
         delay = spec.delay if conditions.delay is None else conditions.delay
-        # The block of the delay acts one step of the plant later, which is part of the delay.
-        delay = max(delay + WAIT * self.period - spec.time_step, 0.0)
+        delay = max(delay + WAIT * self.period, 0.0)
         self._delay.set_delay(self._delay.GetMyContextFromRoot(context), delay)
         if conditions.grade:
             self._set_grade(context, conditions.grade)

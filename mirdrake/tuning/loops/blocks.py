@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, State
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
@@ -38,12 +38,15 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         size: number of controls.
         period: time between updates of the control [s].
+        at_once: whether the control changes in unrestricted updates, as that of a control unit: it acts in the step of
+            the plant that begins, and the block has to sample the control of the past period before that. The control
+            of a block with discrete updates acts one step of the plant later, and is sampled so.
     """
 
     sampled_with: ClassVar[str] = "period"
     """Argument with the period of all events."""
 
-    def __init__(self, size: int, period: float) -> None:
+    def __init__(self, size: int, period: float, at_once: bool = False) -> None:
         super().__init__()
         self.size = int(size)
         self.period = check_number("DelayedActuator", "period", period, unit="s", above=0.0)
@@ -61,7 +64,10 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
             # Depends on u at zero delay; the plant behind it has state, so there is no algebraic loop.
             prerequisites_of_calc={self.u.ticket(), self.xd_ticket(), self.all_parameters_ticket()},
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
+        if at_once:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self.period, 0.0, self._update_at_once)
+        else:
+            self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
 
     def set_delay(self, context: Context, delay: float) -> None:
         """Write the delay [s] to a Context of this system.
@@ -94,6 +100,9 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
             delayed = (1.0 - part) * delayed + part * memory[start + n : start + 2 * n]
         # The load acts on the plant directly, behind the delay.
         output.SetFromVector(delayed + memory[n : 2 * n])
+
+    def _update_at_once(self, context: Context, state: State) -> None:
+        self._update(context, state.get_mutable_discrete_state())
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         n = self.size

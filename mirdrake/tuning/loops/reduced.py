@@ -268,8 +268,8 @@ def _make_test(spec: LoopSpec, conditions: Conditions) -> ReducedTest:
         reference=reference,
         wanted=(ahead - model.start) * model.scale,
         feedforward=model.feedforward * (ahead - reference) / period,
-        # A load acts for a part of the period in which it begins, a step of the plant after its time.
-        loads=course.load * np.clip((t - course.load_time - spec.time_step) / period + 1.0, 0.0, 1.0),
+        # A load acts from the first period that begins after its time.
+        loads=np.where(t > course.load_time - 1e-9, float(course.load), 0.0),
         # Resistances act against the drive; gravity on a grade grows with the mass.
         resistances=np.full(len(t), -model.drag - model.weight * math.sin(conditions.grade) * conditions.mass),
         noise=noise,
@@ -285,7 +285,7 @@ class _Tests(threading.local):
 
     def get(self, spec: LoopSpec, conditions: Conditions) -> ReducedTest:
         """Return the test of a loop under conditions."""
-        key = (model_of(spec)[0].key, spec.period, spec.time_step, spec.delay, spec.course, conditions)
+        key = (model_of(spec)[0].key, spec.period, spec.delay, spec.course, conditions)
         if key not in self._made:
             # Studies draw some hundred conditions; the limit is for other uses.
             if len(self._made) >= MOST_TESTS:

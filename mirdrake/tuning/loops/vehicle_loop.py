@@ -97,7 +97,9 @@ class VehicleLoop(LoopKind):
 
         # The actuator's delay is a block between the controllers and the plant.
         source, sink = self.delayed_ports
-        blocks = {"delay": {"kind": f"{_BLOCKS}DelayedActuator", "size": self.channels(vehicle), "period": period}}
+        size = self.channels(vehicle)
+        delayed = {"kind": f"{_BLOCKS}DelayedActuator", "size": size, "period": period, "at_once": True}
+        blocks = {"delay": delayed}
         connect = [[f"{EGO}.{source}", "delay.u"], ["delay.y", f"{EGO}.{sink}"]]
         diagram: Json = {
             "name": study.name,
@@ -119,8 +121,8 @@ class VehicleLoop(LoopKind):
             "seed": study.seed,
         }
         if noisy:  # the size of the plant's state is only known once it is built
-            size = assemble(make_spec(diagram)).parts.plant.num_multibody_states()
-            blocks["noise"] = {"kind": f"{_BLOCKS}NoisySensor", "size": size, "period": period}
+            states = assemble(make_spec(diagram)).parts.plant.num_multibody_states()
+            blocks["noise"] = {"kind": f"{_BLOCKS}NoisySensor", "size": states, "period": period}
             connect += [[f"{EGO}.plant_state", "noise.u"], ["noise.y", f"{EGO}.measured_state"]]
         return LoopSpec(
             kind=self.name,
