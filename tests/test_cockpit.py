@@ -366,9 +366,12 @@ def test_every_overlay_can_be_drawn_and_hidden():
     assert not meshcat.HasPath("overlays/driven/0")
 
 
-@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
-def test_contact_forces_carry_the_vehicle_and_point_upwards(contact):
-    cockpit = Cockpit(spec(plant={"contact": contact}), meshcat=make_meshcat(port=0))
+@pytest.mark.parametrize(
+    ("contact", "world"), [("point", "empty"), ("hydroelastic", "empty"), ("tyre", "empty"), ("point", "test_track")]
+)
+def test_contact_forces_carry_the_vehicle_and_point_upwards(contact, world):
+    settings = {"world": world, "vehicles": {"ego": {"model": "bolt"}}, "plant": {"contact": contact}}
+    cockpit = Cockpit(spec(**settings), meshcat=make_meshcat(port=0))
     cockpit.run(duration=0.6)
     plant = cockpit.assembly.parts.plant
     weight = 9.81 * plant.CalcTotalMass(plant.CreateDefaultContext())

@@ -395,6 +395,6 @@ def test_the_drawing_shows_the_blocks_of_a_control_unit():
     assert '"ego.join" -> "ego.control.dead_man"' in text
     assert '"ego.control.speed_pid" -> "ego.control.wheel_speeds"' in text
     assert '"ego.control.actuators" -> "ego.set_points"' in text
-    assert '"ego.set_points" -> "plant"' in text
+    assert '"ego.set_points" -> "ego.tyres"' in text
     with pytest.raises(ConfigError, match=r"'ego.truth' has no blocks to draw; these have: ego.tyres, ego.control"):
         write_dot(assemble("bolt_test_track", expand=True), expand=["ego.truth"])

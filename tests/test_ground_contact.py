@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from scipy.integrate import quad
 
 from mirdrake.core.compiled import compiled
 from mirdrake.core.errors import ConfigError
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.ground.layers import GROUND_PARTS
-from mirdrake.ground.terrain import SAMPLES, Block, LayerSource, Plane, Wave
+from mirdrake.ground.terrain import SAMPLES, Block, LayerSource, Plane, Slab, Wave
 from mirdrake.plant.wheels.ground_contact import CONTACT_PARTS, EffectivePlane, effective_plane
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.magic_formula_tyres import MagicFormulaTyres
@@ -88,20 +89,23 @@ def test_an_obstacle_under_one_half_of_the_tyre() -> None:
 
 
 @pytest.mark.parametrize(
-    ("layer", "ends"),
+    ("layer", "ends", "heights"),
     [
-        (Wave(0.075, 0.6, 10.0, 0.1), (-0.35, 0.3)),
-        (Block(0.1, 0.1, 5.0, 0.1, 10.0, 0.1), (-0.4, 0.4)),
-        (Block(0.1, 0.0176, 5.0, 0.1, 10.0, 0.1), (-0.4, 0.4)),
+        (Wave(0.075, 0.6, 10.0, 0.1), (-0.35, 0.3), (0.06, 0.09)),
+        (Block(0.1, 0.1, 5.0, 0.1, 10.0, 0.1), (-0.4, 0.4), (0.06, 0.09)),
+        (Block(0.1, 0.0176, 5.0, 0.1, 10.0, 0.1), (-0.4, 0.4), (0.06, 0.09)),
+        (Slab(shapely.box(0.0, -5.0, 5.0, 5.0), 0.01), (-0.4, 0.4), (-0.03, 0.01)),
     ],
-    ids=["bump", "kerb of 45 degrees", "kerb of 80 degrees"],
+    ids=["bump", "kerb of 45 degrees", "kerb of 80 degrees", "slab of 10 mm"],
 )
-def test_a_wheel_that_returns_to_its_place_has_its_energy_again(layer: LayerSource, ends: tuple[float, float]) -> None:
+def test_a_wheel_that_returns_to_its_place_has_its_energy_again(
+    layer: LayerSource, ends: tuple[float, float], heights: tuple[float, float]
+) -> None:
     """Along a closed path over an obstacle a spring does no work: 1 % of its energy, 0.1 % with four times the samples.
 
     A force k d along the normal of the plane of equal area, as in the literature, takes up to 23 % at the kerbs.
     """
-    terrain, low, high = Terrain([layer]), RADIUS + 0.06, RADIUS + 0.09
+    terrain, low, high = Terrain([layer]), RADIUS + heights[0], RADIUS + heights[1]
 
     def plane(samples: int, x: float, z: float) -> EffectivePlane:
         return EffectivePlane(*quick(terrain.data, samples, RADIUS, WIDTH, (x, 0.0, z), *axes))

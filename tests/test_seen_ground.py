@@ -33,9 +33,7 @@ RELIEF = [
 
 def hilly() -> tuple[DiagramBuilder, PlantParts]:
     """Return a plant whose ground is about 1.5 m below the origin, without a vehicle."""
-    # The road has no thickness, as its edge would be seen and not felt.
-    tracks = {"main": {**ROAD, "thickness": 0.0}}
-    world = make_world({"mirdrake": "world/1", "tracks": tracks, "ground": {"relief": RELIEF}})
+    world = make_world({"mirdrake": "world/1", "tracks": {"main": ROAD}, "ground": {"relief": RELIEF}})
     builder = DiagramBuilder()
     return builder, make_plant(builder, world, {})
 

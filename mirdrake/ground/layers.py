@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK = range(6)
+PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK, SLAB = range(7)
 """Kinds of layers."""
 
 STATION = 11
@@ -31,7 +31,7 @@ class Layer(NamedTuple):
     """Layer of the ground; which of the fields it uses depends on its kind.
 
     Attributes:
-        kind: one of PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK.
+        kind: one of PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK, SLAB.
         first: index of its first number in `numbers`, or of its first height in `heights`.
         rows: number of grid rows (along y); of stations of a road.
         columns: number of grid columns (along x).
@@ -41,9 +41,11 @@ class Layer(NamedTuple):
         y: the same.
         cosine: direction of the local x axis.
         sine: the same.
-        cell: spacing of a grid [m]; of a road: side of the cells of its index.
-        a: height of a plane at the world's origin, of a block or a wave [m]; length of a road's embankment [m].
-        b: slope of a plane along x; length of the rise of a block, of a wave [m]; shoulder of a road [m].
+        cell: spacing of a grid [m]; of a road or slab: side of the cells of its index.
+        a: height of a plane at the world's origin, of a block or a wave [m]; length of a road's embankment [m];
+            thickness of a slab [m].
+        b: slope of a plane along x; length of the rise of a block, of a wave [m]; shoulder of a road [m]; length of a
+            slab's face [m].
         c: slope of a plane along y; length of the top of a block [m]; height of a road's kerb [m].
         d: length of the fall of a block [m]; length of the kerb's face across the road [m].
         e: half of the width of a block or wave [m]; width of the kerb's top [m].
@@ -51,7 +53,7 @@ class Layer(NamedTuple):
         g: start of the kerb along the road [m].
         h: end of the kerb [m].
         blends: whether a road replaces the height of the layers before it; if not, it only adds its kerb.
-        cells: index in `numbers` of the cells of a road.
+        cells: index in `numbers` of the cells of a road or slab.
         cells_x: number of cells along x.
         cells_y: the same along y.
         table: of a road with a table of heights: index of the first one in `heights`.
@@ -124,6 +126,9 @@ def _with_layer(
         return z + layer.a + layer.b * x + layer.c * y, zx + layer.b, zy + layer.c
     if kind == TRACK:
         return _on_track(terrain, layer, x, y, z, zx, zy)
+    if kind == SLAB:
+        lower, lower_x, lower_y = _slab(terrain.numbers, layer, x, y)
+        return z + lower, zx + lower_x, zy + lower_y
     # Local axes, height and slopes in them.
     dx, dy = x - layer.x, y - layer.y
     u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
@@ -392,6 +397,40 @@ def _feature(layer: Any, u: float, v: float) -> tuple[float, float, float]:
     return height * side, slope * side, height * side_slope
 
 
+def _slab(numbers: npt.NDArray[np.float64], layer: Any, x: float, y: float) -> tuple[float, float, float]:
+    """Return height and slopes of a slab whose top has the height 0: beside it, its face leads down to the ground.
+
+    A cell without segments is inside or outside as a whole; the others list all segments of the outline that may be
+    nearest to a point in them. The slab is on the left of each segment.
+    """
+    i, j = floor((x - layer.x) / layer.cell), floor((y - layer.y) / layer.cell)
+    if i < 0 or j < 0 or i >= layer.cells_x or j >= layer.cells_y:
+        return -layer.a, 0.0, 0.0
+    cell = layer.cells + j * layer.cells_x + i
+    begin, end = int(numbers[cell]), int(numbers[cell + 1])
+    if begin == end:
+        return -layer.a * numbers[cell + layer.cells_x * layer.cells_y + 1], 0.0, 0.0
+    nearest, left, px, py = 1e300, 0.0, 0.0, 0.0
+    for k in range(begin, end):
+        p = int(numbers[k])
+        ex, ey = numbers[p + 2] - numbers[p], numbers[p + 3] - numbers[p + 1]
+        dx, dy, square = x - numbers[p], y - numbers[p + 1], ex * ex + ey * ey
+        along = min(max((dx * ex + dy * ey) / square, 0.0), 1.0)
+        rx, ry = dx - along * ex, dy - along * ey
+        distance, side = rx * rx + ry * ry, (ex * dy - ey * dx) / np.sqrt(square)
+        # A corner is equally far from both of its segments; the side is that of the line farther from the point.
+        tie = 1e-9 * nearest + 1e-18
+        if distance < nearest - tie or (distance <= nearest + tie and abs(side) > abs(left)):
+            nearest, left, px, py = min(distance, nearest), side, rx, ry
+    if left >= 0.0:
+        return 0.0, 0.0, 0.0
+    away = np.sqrt(nearest)
+    if away >= layer.b:
+        return -layer.a, 0.0, 0.0
+    slope = -layer.a / (layer.b * max(away, 1e-12))
+    return -layer.a * away / layer.b, slope * px, slope * py
+
+
 # --- roads --------------------------------------------------------------------------------------------------------
 
 
@@ -566,6 +605,7 @@ GROUND_PARTS = (
     _reflected,
     _spline_weights,
     _feature,
+    _slab,
     _on_track,
     _table,
     station_is_end,

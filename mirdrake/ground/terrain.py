@@ -2,7 +2,7 @@
 
 ::
 
-    Plane, Grid, Block, Wave, Road, Roughness ── make_terrain ──► Terrain ── at(x, y) ──► height, normal
+    Plane, Grid, Block, Wave, Road, Slab ──► Terrain ── at(x, y) ──► height, normal
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy  # it imports its parts when they are first used
+import shapely
 from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.compiled import compiled, records
 from mirdrake.core.errors import WorldError
@@ -21,6 +23,7 @@ from mirdrake.ground.layers import (
     BLOCK,
     GROUND_PARTS,
     PLANE,
+    SLAB,
     SPLINE,
     STATION,
     TRACK,
@@ -37,7 +40,11 @@ SAMPLES = 65
 """Samples of the ground along a wheel on uneven ground: one every 9 mm for a wheel with a radius of 0.3 m. Steep
 faces should be longer than this, so that the force changes smoothly."""
 
+FACE = 0.01
+"""Shortest face of a slab [m]: a wheel is sampled every 9 mm."""
+
 _CELL = 8.0  # side of the cells in which the pieces of a road are indexed [m]
+_SLAB_CELL, _SLAB_CELLS = 1.0, 250_000  # smallest side [m] and largest number of the cells of a slab
 _LARGEST_GRID = 25_000_000  # nodes of a grid: 100 MB
 
 
@@ -329,6 +336,96 @@ class Road:
                 c=kerb.height, d=kerb.face, e=kerb.top, f=1.0 if kerb.left else -1.0, g=kerb.begin, h=kerb.end
             )
         return layer, np.concatenate([stations.ravel(), index]), grid
+
+
+@dataclass(frozen=True)
+class Slab:
+    """Paved area above the ground beside it, which is lower by the thickness of the slab; its top has the height 0.
+
+    Attributes:
+        area: polygons in the world [m].
+        thickness: height of its top above the ground beside it [m].
+    """
+
+    area: BaseGeometry
+    thickness: float
+
+    @property
+    def face(self) -> float:
+        """Length of the face at its edge [m]: 45 degrees, or less if that were shorter than :data:`FACE`."""
+        return max(self.thickness, FACE)
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        segments = _segments(self.area)
+        index, origin, cell, size = _slab_index(self.area, segments, self.face, numbers)
+        layer = Layer(
+            SLAB,
+            first=numbers,
+            rows=len(segments),
+            x=origin[0],
+            y=origin[1],
+            cell=cell,
+            a=self.thickness,
+            b=self.face,
+            cells=numbers + segments.size,
+            cells_x=size[0],
+            cells_y=size[1],
+        )
+        return layer, np.concatenate([segments.ravel(), index]), _NO_HEIGHTS
+
+
+def _segments(area: BaseGeometry) -> Array:
+    """Return the segments of the outline of polygons, x0, y0, x1, y1 (N, 4) [m], with the area on their left."""
+    parts = shapely.get_parts(shapely.orient_polygons(area))
+    rings = [shapely.get_coordinates(ring) for part in parts for ring in (part.exterior, *part.interiors)]
+    segments = np.concatenate([np.hstack([ring[:-1], ring[1:]]) for ring in rings])
+    return np.asarray(segments[np.any(segments[:, :2] != segments[:, 2:], axis=1)])
+
+
+def _slab_index(
+    area: BaseGeometry, segments: Array, face: float, first: int
+) -> tuple[Array, tuple[float, float], float, tuple[int, int]]:
+    """Return the index of the segments of a slab by cells.
+
+    Args:
+        area: the slab.
+        segments: of its outline (N, 4) [m].
+        face: length of its face [m].
+        first: index of the first number of the segments among all numbers.
+
+    Returns:
+        The numbers: for each cell where its list begins, and where the last one ends, then for each cell whether its
+        centre is outside, then the lists of segments; the origin and the side of the cells [m]; their numbers along x
+        and y.
+    """
+    bounds = np.asarray(area.bounds) + [-face, -face, face, face]
+    low, sides = bounds[:2], bounds[2:] - bounds[:2]
+    cell = max(_SLAB_CELL, sqrt(float(sides.prod()) / _SLAB_CELLS))
+    nx, ny = (int(n) for n in np.ceil(sides / cell))
+    centres = low + cell * (np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2) + 0.5)
+    shapely.prepare(area)
+    outside = ~shapely.contains_xy(area, centres)
+
+    # Triangle inequality: no point of a cell is farther than `half` from its centre, so that the segment nearest to the
+    # point is at most twice that farther from the centre than the one nearest to the centre.
+    half = cell / sqrt(2.0)
+    points = shapely.points(centres)
+    tree = shapely.STRtree(shapely.linestrings(segments.reshape(-1, 2, 2)))
+    (near, _), distances = tree.query_nearest(
+        points, max_distance=face + half, return_distance=True, all_matches=False
+    )
+    which, found = tree.query(points[near], predicate="dwithin", distance=distances + 2.0 * half)
+    owners = near[which]
+    order = np.lexsort((found, owners))
+    counts = np.bincount(owners, minlength=nx * ny)
+    begins = first + segments.size + 2 * nx * ny + 1 + np.concatenate([[0], np.cumsum(counts)])
+    lists = first + segments.shape[1] * found[order]
+    return (
+        np.concatenate([begins, outside, lists]).astype(float),
+        (float(low[0]), float(low[1])),
+        cell,
+        (nx, ny),
+    )
 
 
 def _index(points: Array, reach: float, first: int) -> tuple[Array, tuple[float, float], tuple[int, int]]:

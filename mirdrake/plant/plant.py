@@ -224,6 +224,11 @@ class PlantParts:
     wheel_contact: ContactModel = "hydroelastic"
     actors: ActorsInScene = field(default_factory=ActorsInScene)
 
+    @property
+    def lead(self) -> float:
+        """Time by which positions lead velocities [s]: half a step, as a step moves bodies by the velocities at its end."""
+        return 0.5 * max((part.period for part in self.vehicles.values()), default=0.0)
+
 
 def make_plant(
     builder: DiagramBuilder,
@@ -680,7 +685,9 @@ def set_start(
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, *velocity]
     for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
-        velocities[joint.velocity_start()] = 0.0 if part.parked else speed / radius
+        spin = 0.0 if part.parked else speed / radius
+        velocities[joint.velocity_start()] = spin
+        joint.set_angle(context, 0.5 * part.period * spin)
     plant.SetVelocities(context, velocities)
 
 

@@ -125,11 +125,12 @@ class Telemetry:
         for side, joint in zip(("left", "right"), part.steering, strict=True):
             self._put(columns, f"{name}.steering_angle.{side}", x[joint.position_start()], "rad")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
-            self._put(columns, f"{name}.wheel_angle.{wheel}", x[joint.position_start()], "rad")
+            angle = x[joint.position_start()] - 0.5 * part.period * x[positions + joint.velocity_start()]  # as for the pose
+            self._put(columns, f"{name}.wheel_angle.{wheel}", angle, "rad")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
             self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
         for wheel, joint in zip(WHEELS, part.suspension, strict=False):  # none without springs
-            rate = x[positions + joint.velocity_start()]  # as for the pose, half a step back
+            rate = x[positions + joint.velocity_start()]
             self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()] - 0.5 * part.period * rate, "m")
         # The logged torques are those of this model instance only, while input_start counts over the whole plant.
         torques = raw[f"{name}.joint_torques"]

@@ -39,18 +39,27 @@ class WheelEncoder(SampledSensor):
         joint: joint of the wheel.
         mount: rate, counts per revolution, quadrature, modulus, latency and dropout; a lost sample loses no counts.
         stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        lead: time by which positions of the plant lead its velocities [s]; the angle is moved back, as in the truth.
     """
 
-    def __init__(self, plant: MultibodyPlant, joint: Joint, mount: "WheelEncoderMount", *, stream: int = 0) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, joint: Joint, mount: "WheelEncoderMount", *, stream: int = 0, lead: float = 0.0
+    ) -> None:
         super().__init__(COUNTS, mount, stream=stream, initial=[0.0])
-        self._angle, self._per_radian, self._wrap = joint.position_start(), mount.counts / (2.0 * pi), mount.wrap
+        self._angle, self._rate, self._lead = (
+            joint.position_start(),
+            plant.num_positions() + joint.velocity_start(),
+            lead,
+        )
+        self._per_radian, self._wrap = mount.counts / (2.0 * pi), mount.wrap
         self._seen = None if mount.quadrature else self.DeclareDiscreteState([0.0, 0.0])  # position and total, in steps
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.declare_first_sample()
 
     def _steps(self, context: Context) -> int:
         # floor, not truncation: steps must have equal width on both sides of zero. The tolerance keeps an exact edge.
-        return floor(float(self.plant_state.Eval(context)[self._angle]) * self._per_radian + 1e-9)
+        state = self.plant_state.Eval(context)
+        return floor(float(state[self._angle] - self._lead * state[self._rate]) * self._per_radian + 1e-9)
 
     def measure(self, context: Context) -> Array:
         """Return the count (1) [-]."""
@@ -94,4 +103,4 @@ class WheelEncoderMount(SensorMount):
         if body.name() not in joints:
             location = where(self, "frame")
             raise ConfigError(f"{location}: '{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}")
-        return WheelEncoder(plant, joints[body.name()], self, stream=stream)
+        return WheelEncoder(plant, joints[body.name()], self, stream=stream, lead=parts.lead)

@@ -6,7 +6,6 @@ the distance from them, so that a large world stays small.
 """
 
 from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 import scipy  # it imports its parts when they are first used
@@ -24,6 +23,7 @@ TOLERANCE = 4e-3
 _GROWTH = 0.03  # growth of the tolerance with the distance from the roads [1]
 _LONGEST, _SHORTEST = 4.0, 0.06  # edges of triangles that are always, and never, divided on the roads [m]
 _EDGE_ERROR = 0.5  # half of the distance of points on the edges of roads [m]
+_LEVEL = 0.99  # least z of the normals of horizontal triangles [1]
 _MOST = 60_000  # triangles of a surface; then the coarsest ones stay as they are
 _PROBES = np.array([0.25, 0.5, 0.75])  # points of an edge at which it is compared with the terrain
 
@@ -55,7 +55,7 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     """Return a surface that lies on the terrain, at its own height above it.
 
     Args:
-        surface: horizontal or vertical triangles.
+        surface: horizontal triangles, or the faces at an edge.
         terrain: the ground.
         roads: area near which the mesh is fine; empty: everything is.
     """
@@ -77,15 +77,15 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     rows = np.concatenate(done).reshape(-1, 8)
     points, uv, normal = rows[:, :3], rows[:, 3:5], rows[:, 5:]
     index = np.arange(len(points))
-    if (normal[:, 2] > sqrt(0.5)).all():  # horizontal: neighbours share corners
+    if (normal[:, 2] > _LEVEL).all():  # horizontal: neighbours share corners
         # Complex numbers, because `unique` of one column is much faster than of rows.
         places = np.round(points[:, 0], 6) + 1j * np.round(points[:, 1], 6)
         _, first, index = np.unique(places, return_index=True, return_inverse=True)
         points, uv, normal = points[first], uv[first], normal[first]
     slopes = terrain.slopes(points[:, 0], points[:, 1])
 
-    # A vertical face keeps its normal; a horizontal one gets that of the terrain.
-    upright = np.abs(normal[:, 2]) > sqrt(0.5)
+    # The face at an edge keeps its normal; a horizontal one gets that of the terrain.
+    upright = np.abs(normal[:, 2]) > _LEVEL
     tilted = np.column_stack([-slopes[:, 1], -slopes[:, 2], np.ones(len(points))])
     tilted /= np.linalg.norm(tilted, axis=1)[:, None]
     return replace(

@@ -31,7 +31,8 @@ from mirdrake.worlds.regions import NamedAreas, Patch, PatchSpec, make_region
 from mirdrake.worlds.relief import make_relief
 from mirdrake.worlds.rules import Rules
 from mirdrake.worlds.shapes import MESH_SUFFIXES
-from mirdrake.worlds.spec import GoalSpec, GroundSpec, OnTrackSpec, StartSpec, WorldSpec
+from mirdrake.worlds.slab import make_slab
+from mirdrake.worlds.spec import GoalSpec, OnTrackSpec, StartSpec, WorldSpec
 from mirdrake.worlds.track_layout import make_track
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.values import Number
@@ -163,7 +164,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     )
     # Everything below needs the tracks, so that their faults are reported first, all at once.
     _raise(faults)
-    ground = _make_ground(spec.ground, tracks, network, folder)
+    ground = _make_ground(spec, tracks, network, folder)
 
     # Friction patches, starts and goals.
     draw = Draw(spec.seed, "", spec.params)
@@ -276,7 +277,8 @@ def _check_track(name: str, tracks: Mapping[str, Track], location: str) -> None:
         raise WorldError(f"{location}: unknown track '{name}'; {hint}")
 
 
-def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | None, folder: Path) -> Ground:
+def _make_ground(world: WorldSpec, tracks: dict[str, Track], network: Network | None, folder: Path) -> Ground:
+    spec = world.ground
     mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
     boxes = np.array([road.bounds for road in (*tracks.values(), network) if road is not None])
     if len(boxes):
@@ -289,8 +291,8 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | 
         middle, half = (low + high) / 2.0, np.array(spec.size) / 2.0
         low, high = middle - half, middle + half
     extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    terrain = make_relief(spec.relief, tracks, folder, network)
-    return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading, terrain)
+    relief, slab = make_relief(spec.relief, tracks, folder, network), make_slab(world.tracks, tracks, network)
+    return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading, relief, slab)
 
 
 def _default_start(tracks: Mapping[str, Track], ground: Ground) -> StartSpec:

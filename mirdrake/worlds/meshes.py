@@ -67,9 +67,17 @@ def fill(
 
 
 def skirt(
-    polygon: BaseGeometry, *, top: float, bottom: float, tile: float, color: tuple[float, float, float]
+    polygon: BaseGeometry, *, height: float, length: float, tile: float, color: tuple[float, float, float]
 ) -> Surface:
-    """Return the vertical sides [m] of a slab of an outline, facing outwards, without texture."""
+    """Return the faces at the edge of a slab, without texture.
+
+    Args:
+        polygon: outline of its top in the xy plane [m].
+        height: height of the top, z = 0, above the lower edge of the faces [m].
+        length: length of the faces outwards [m].
+        tile: side of a texture tile [m].
+        color: linear red, green, blue.
+    """
     vertices: list[Array] = []
     triangles: list[Array] = []
     normals: list[Array] = []
@@ -79,13 +87,19 @@ def skirt(
             a = shapely.get_coordinates(ring)[:-1]
             b = np.roll(a, -1, axis=0)
             along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
-            quad = np.stack((np.c_[a, np.full(len(a), bottom)], np.c_[b, np.full(len(a), bottom)],
-                             np.c_[b, np.full(len(a), top)], np.c_[a, np.full(len(a), top)]), axis=1)  # fmt: skip
+            # To the right of the direction of the ring, which is outwards for an exterior in counter-clockwise order.
+            out = np.c_[along[:, 1], -along[:, 0]]
+            # Lower corners on the lines parallel to both neighbouring sides; at spikes not beyond 5 lengths.
+            before = np.roll(out, 1, axis=0)
+            shift = length * (before + out) / np.maximum(1.0 + np.sum(before * out, axis=1), 0.1)[:, None]
+            low_a, low_b = a + shift, b + np.roll(shift, -1, axis=0)
+            low, high = np.full(len(a), -height), np.zeros(len(a))
+            quad = np.stack((np.c_[low_a, low], np.c_[low_b, low], np.c_[b, high], np.c_[a, high]), axis=1)
             first = count + 4 * np.arange(len(a))[:, None]
             vertices.append(quad.reshape(-1, 3))
             triangles.append((first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3))
-            # To the right of the direction of the ring, which is outwards for an exterior in counter-clockwise order.
-            normals.append(np.repeat(np.c_[along[:, 1], -along[:, 0], np.zeros(len(a))], 4, axis=0))
+            normal = np.c_[height * out, np.full(len(a), length)] / np.hypot(height, length)
+            normals.append(np.repeat(normal, 4, axis=0))
             count += 4 * len(a)
     points = np.vstack(vertices)
     return Surface(points, np.vstack(triangles).astype(np.int64), np.vstack(normals), points[:, :2] / tile, color)

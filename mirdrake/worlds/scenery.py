@@ -2,7 +2,7 @@
 
 Road, paint and ground are cut out of each other, so that no two surfaces are close above each other, which would cause
 z-fighting. The road's top is at z = 0, where the physical plane is; the ground beside
-it is lower by the thickness of the road. A friction patch is cut out likewise; one without its own surface
+it is lower by the thickness of the roads, as it is for tyres. A friction patch is cut out likewise; one without its own surface
 shows the surface below, darker and glossier, as if it were wet.
 """
 
@@ -33,6 +33,7 @@ from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.networks.paint import paint
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.relief import KerbRelief
+from mirdrake.worlds.slab import SAGITTA, seen_outline, without_details
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
 from mirdrake.worlds.tracks import Offset, Track, offset_at
 from mirdrake.worlds.world import World, verge
@@ -46,7 +47,6 @@ SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190
 _WHITE = (0.86, 0.86, 0.84)
 _STONE, _STONE_WIDTH = (0.62, 0.61, 0.58), 0.15  # colour of kerbs, and visible width of their tops [m]
 _PAINT = {"white": _WHITE, "yellow": (0.85, 0.62, 0.08)}
-_THICKNESS = 0.01  # [m] of the lanes of a network
 _WET, _WET_ROUGHNESS = (0.62, 0.66, 0.74), 0.55
 _SIDE_GREY = {
     "asphalt": 0.10,
@@ -56,7 +56,6 @@ _SIDE_GREY = {
     "ice": 0.70,
 }  # linear grey
 _APRON = 1000.0  # [m] visible ground beyond the world, up to the horizon
-_SAGITTA = 5e-3  # [m] accuracy of the visible outline
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def scenery(world: World) -> list[SceneryItem]:
     The meshes are in memory and refer to their textures by path; nothing is written.
     """
     items: list[SceneryItem] = []
-    roads = {name: _simple(track.outline(sagitta=_SAGITTA)) for name, track in world.roads().items()}
+    roads = {name: seen_outline(track) for name, track in world.roads().items()}
     names, tracks = list(roads), shapely.union_all(list(roads.values()))
     patches, wet = _seen_patches(world)
     covered = shapely.union_all(list(patches.values()))
@@ -109,7 +108,7 @@ def scenery(world: World) -> list[SceneryItem]:
         bare = shapely.difference(shapely.difference(shapely.difference(road, lines), later), covered)
         lines = shapely.difference(lines, covered)
         surfaces = _textured(bare, spec.surface, wet, z=0.0)
-        surfaces += _sides(shapely.difference(road, covered), spec.surface, spec.thickness)
+        surfaces += _sides(shapely.difference(road, covered), spec.surface, world)
         items.append(_item(f"world/{name}/road", surfaces, world))
         if not lines.is_empty:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
@@ -119,15 +118,15 @@ def scenery(world: World) -> list[SceneryItem]:
     items[:0] = _network_items(world, wet, shapely.union(tracks, covered))
     paved = [part.area for part in world.road_areas if not part.is_track]
 
-    # Ground: everything beside the roads, lower by the largest thickness of the roads.
-    # One depth for the whole ground: it has no edges where roads of different thickness meet.
-    depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
-    depth = depth if world.network is None else max(depth, _THICKNESS)
+    # Ground: everything beside the roads, lower by their thickness.
+    depth = world.ground.depth
     plane = shapely.box(*world.ground.extent)
     wide = plane.buffer(_APRON, join_style="mitre")
     asphalt = shapely.union_all([*roads.values(), *paved])
-    # Roads are cut out, as the ground is only centimetres below them and would flicker through.
-    ground = shapely.difference(shapely.difference(plane, asphalt), covered)
+    # Roads and their faces are cut out, as the ground is only centimetres below them and would flicker through.
+    slab = world.ground.slab
+    raised = asphalt if slab is None else shapely.buffer(asphalt, slab.face, join_style="mitre")
+    ground = shapely.difference(shapely.difference(plane, raised), covered)
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
     # Kerb stones are lighter than road and ground, as their height alone is hardly seen.
@@ -141,7 +140,7 @@ def scenery(world: World) -> list[SceneryItem]:
     for name, track in world.roads().items():
         edges = world.spec.tracks[name].verge
         if edges is not None and edges != world.ground.surface:
-            beside = shapely.intersection(_simple(verge(track)), ground)
+            beside = shapely.intersection(without_details(verge(track)), ground)
             ground = shapely.difference(ground, beside)
             parts += _textured(beside, edges, wet, z=-depth)
     for part in (ground, apron):
@@ -156,7 +155,7 @@ def scenery(world: World) -> list[SceneryItem]:
             shapely.difference(shapely.intersection(area, wide), asphalt),
         )
         both = _textured(above, looks[name], wet, z=0.0) + _textured(beside, looks[name], wet, z=-depth)
-        both += _sides(above, looks[name], depth)
+        both += _sides(above, looks[name], world)
         if both:
             items.append(_item(f"world/patch.{name}", both, world))
 
@@ -260,10 +259,10 @@ def _network_items(world: World, wet: BaseGeometry, above: BaseGeometry) -> list
     parts = [part for part in world.road_areas if not part.is_track]
     paved = shapely.union_all([part.area for part in parts])
     for part in parts:
-        bare = shapely.difference(shapely.difference(_simple(part.area), painted), above)
+        bare = shapely.difference(shapely.difference(without_details(part.area), painted), above)
         surfaces = _textured(bare, part.surface, wet, z=0.0)
         if part.drivable:
-            surfaces += _sides(shapely.difference(paved, above), part.surface, _THICKNESS)
+            surfaces += _sides(shapely.difference(paved, above), part.surface, world)
         items.append(_item(f"world/network/{part.name}", surfaces, world))
     for color, area in paints.items():
         lines = shapely.difference(shapely.intersection(area, paved), above)
@@ -303,7 +302,7 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     """Return a painted line as a polygon."""
     # Stations are dense enough that the chord differs from the curve by less than the sagitta.
     half = marking.width / 2.0
-    stations = track.stations(sagitta=_SAGITTA)
+    stations = track.stations(sagitta=SAGITTA)
     if marking.line == "start":
         # Centred on s = 0 where the track continues before it, else from the start on.
         begin = -half if track.closed else 0.0
@@ -328,7 +327,7 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
         return middle(s) + half
 
     if marking.kind == "solid":
-        return _simple(track.band(right, left, sagitta=_SAGITTA))
+        return without_details(track.band(right, left, sagitta=SAGITTA))
     painted, period = marking.dash[0], sum(marking.dash)
     count = max(1, round(track.length / period)) if track.closed else int(np.ceil(track.length / period))
     if track.closed:  # a whole number of dashes
@@ -352,12 +351,7 @@ def _stone(track: Track, kerb: KerbRelief) -> shapely.Polygon:
     def outer(s: Array) -> Array:
         return inner(s) + side * width
 
-    return _patch(track, track.stations(sagitta=_SAGITTA), begin, end, inner, outer)
-
-
-def _simple(shape: BaseGeometry) -> BaseGeometry:
-    """Return a shape without negligible points; a road from a file has one per metre."""
-    return shapely.simplify(shape, _SAGITTA / 2.0)
+    return _patch(track, track.stations(sagitta=SAGITTA), begin, end, inner, outer)
 
 
 def _polygons(shape: BaseGeometry) -> shapely.MultiPolygon:
@@ -376,13 +370,13 @@ def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: floa
     )
 
 
-def _sides(slab: BaseGeometry, surface: str, thickness: float) -> list[Surface]:
-    """Return the vertical sides of a road or of a patch on it; those between the two are hidden below them."""
-    outline = _polygons(slab)
-    if outline.is_empty or not thickness:
+def _sides(area: BaseGeometry, surface: str, world: World) -> list[Surface]:
+    """Return the faces at the edges of a road or of a patch on it; those between the two are hidden below them."""
+    outline, slab = _polygons(area), world.ground.slab
+    if outline.is_empty or slab is None:
         return []
     grey = _SIDE_GREY[surface]
-    return [skirt(outline, top=0.0, bottom=-thickness, tile=TILES[surface], color=(grey, grey, grey))]
+    return [skirt(outline, height=slab.thickness, length=slab.face, tile=TILES[surface], color=(grey, grey, grey))]
 
 
 def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
@@ -399,11 +393,11 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
 
 
 def _item(name: str, surfaces: list[Surface], world: World) -> SceneryItem:
-    """Return surfaces, laid on the terrain, as one visual geometry."""
+    """Return surfaces, laid on the relief, as one visual geometry."""
     # Triangles are refined near roads only; far away a coarse mesh of the terrain is enough.
-    if not world.ground.terrain.flat:
+    if not world.ground.relief.flat:
         near = Roads(shapely.union_all([road.area for road in world.road_areas]))
-        surfaces = [drape(surface, world.ground.terrain, near) for surface in surfaces]
+        surfaces = [drape(surface, world.ground.relief, near) for surface in surfaces]
     # Supporting files of an in-memory mesh are found by the names in its glTF.
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]

@@ -70,7 +70,7 @@ def export_sdf(world: World, *, file: str = "world.sdf") -> SdfExport:
     _text(tree, "gravity", _numbers(world.ground.gravity))
     _add_light(tree, world)
     mu, left_out = _ground_mu(world)
-    if world.spec.ground.relief:
+    if not world.ground.terrain.flat:
         left_out.append("collision with the relief of the ground (it collides as a plane at z = 0)")
     # Two hyphens are not allowed in an XML comment.
     for line in left_out:

@@ -226,7 +226,7 @@ class TrackSpec(Schema):
         description="road width, or [[s, width], ...], interpolated linearly; default: as in the file, else 3 [m]",
     )
     thickness: Annotated[Length, Field(ge=0.0, le=0.5)] = Field(
-        default=0.01, description="height of the road above the surface beside it; visual only [m]"
+        default=0.0, description="height of the road above the ground beside it; the largest of a world counts [m]"
     )
     surface: SurfaceName = Field(default="asphalt", description="its appearance [-]")
     mu: Friction | None = Field(default=None, description="friction coefficient; default: that of the surface [-]")

@@ -23,10 +23,13 @@ from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.relief import in_files, make_relief
+from mirdrake.worlds.slab import make_slab
 from mirdrake.worlds.solids import SOLID_KINDS, kind_of, mesh_of
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
+
+_GROUND = ("surface", "mu", "extent", "grade", "heading")  # fields of the ground that are stored
 
 FindFile = Callable[[str], Path | None]
 """Returns the file of a reference, or None if it no longer exists."""
@@ -50,7 +53,7 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
         "spec": world.spec.model_dump(mode="json", by_alias=True, exclude=_LEFT_OUT),
         "tracks": {name: _track_data(track) for name, track in world.tracks.items()},
         "starts": {name: vars(start) for name, start in world.starts.items()},
-        "ground": {name: value for name, value in vars(world.ground).items() if name != "terrain"},
+        "ground": {name: getattr(world.ground, name) for name in _GROUND},
         "patches": [vars(patch) | {"area": shapely.to_wkb(patch.area, hex=True)} for patch in world.patches],
         "goals": {
             name: vars(goal) | {"area": None if goal.area is None else shapely.to_wkb(goal.area, hex=True)}
@@ -90,8 +93,9 @@ def read_world(
     tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
     network = read_network_data(data["network"]) if data.get("network") else None
     # The ground is computed again from its specification, because the data do not hold its grids.
-    relief = in_files(spec.ground.relief, grids)
-    terrain = make_relief(relief, tracks, path.parent if path is not None else Path.cwd(), network)
+    folder = path.parent if path is not None else Path.cwd()
+    relief = make_relief(in_files(spec.ground.relief, grids), tracks, folder, network)
+    slab = make_slab(spec.tracks, tracks, network)
     # Actors are laid out again: their paths follow from the specification without random numbers.
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
     actors, full_actors, paths = lay_out_actors(spec, tracks, network, of_actors)
@@ -104,7 +108,7 @@ def read_world(
         path=path,
         tracks=tracks,
         starts={name: Start(**start) for name, start in data["starts"].items()},
-        ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"]), "terrain": terrain}),
+        ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"]), "relief": relief, "slab": slab}),
         patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
         goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
         # Placed objects are read and not arranged again, so that the world is that of the run.

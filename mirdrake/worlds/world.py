@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.ground.terrain import Slab
 from mirdrake.worlds.actors import Actor, FullActor
 from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
@@ -83,8 +84,20 @@ class Ground:
     """rise over run [-]"""
     heading: float = 0.0
     """uphill direction [rad]"""
-    terrain: Terrain = FLAT
-    """height of the ground over the base plane"""
+    relief: Terrain = FLAT
+    """height of the roads and, if they have no thickness, of the ground over the base plane"""
+    slab: Slab | None = None
+    """roads with a thickness: the ground beside them is lower than the relief"""
+
+    @cached_property
+    def terrain(self) -> Terrain:
+        """Height of the ground over the base plane."""
+        return self.relief if self.slab is None else self.relief.with_layers([self.slab])
+
+    @property
+    def depth(self) -> float:
+        """Height of the roads above the ground beside them [m]."""
+        return 0.0 if self.slab is None else self.slab.thickness
 
     @property
     def gravity(self) -> Array:

@@ -16,6 +16,7 @@ from pydrake.geometry import (
     RenderCameraCore,
 )
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, OutputPort
@@ -31,6 +32,7 @@ from mirdrake.sensors.cameras.mounts import DepthCameraMount, PictureMount, Ster
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
 from mirdrake.sensors.cameras.rendering import vehicle_renderer
 from mirdrake.sensors.noise import substream
+from mirdrake.sensors.ranging.motion import rotations
 from mirdrake.sensors.sampling import SampledValue, mount_pose, slots
 
 if TYPE_CHECKING:
@@ -71,8 +73,12 @@ class Camera(SampledValue):
     through a lens, y/x and z/x are distorted first. The eyes of a stereo camera are half the baseline to the left and
     to the right of the mounting frame: what is at x is seen f baseline / x pixels farther to the right by the left eye.
 
+    Positions of the plant lead its velocities by half a step. The camera is moved back to where it is in the ground
+    truth; other moving bodies are seen half a step ahead.
+
     Input ports:
         query_object: the scene graph's.
+        body_spatial_velocities: the plant's; without it the camera is not moved back.
     Output ports, each only if the mount asks for it:
         color_image: colours, a Drake ImageRgba8U; its ``data`` is (height, width, 4).
         left_color_image, right_color_image: of a stereo camera instead.
@@ -89,6 +95,7 @@ class Camera(SampledValue):
         renderer: name of a renderer of the scene graph.
         stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         labels: names by label.
+        lead: time by which positions of the plant lead its velocities [s].
 
     Attributes:
         rate: pictures per second [Hz].
@@ -106,15 +113,19 @@ class Camera(SampledValue):
         renderer: str,
         stream: int = 0,
         labels: dict[int, str] | None = None,
+        lead: float = 0.0,
     ) -> None:
-        self.labels, self._mount = labels or {}, mount
+        self.labels, self._mount, self._lead = labels or {}, mount, lead
         self._lens = LensMap(mount) if mount.distortion is not None else None
         empty = Shot(_black(mount))
         super().__init__("shot", AbstractValue.Make(empty), mount, stream=stream)
         self._streams = {name: stream if name == "color" else substream(stream, name) for name in empty.pictures}
         self.query_object = self.DeclareAbstractInputPort("query_object", AbstractValue.Make(QueryObject()))
+        self.body_velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", AbstractValue.Make([SpatialVelocity.Zero()])
+        )
         body, X_BS = mount_pose(frame)
-        self._body_frame = plant.GetBodyFrameIdOrThrow(body.index())
+        self._body, self._body_frame = int(body.index()), plant.GetBodyFrameIdOrThrow(body.index())
         # Each eye: mounting frame, half a baseline along y (left positive), then Drake's axes of a camera.
         half = 0.5 * mount.baseline if isinstance(mount, StereoCameraMount) else 0.0
         self._eyes = {
@@ -123,7 +134,7 @@ class Camera(SampledValue):
         }
         self._color_camera, self._depth_camera = self._render_cameras(renderer)
         # Also dependent on time: the number of the sample seeds its noise.
-        needs = {self.query_object.ticket(), self.time_ticket()}
+        needs = {self.query_object.ticket(), self.body_velocities.ticket(), self.time_ticket()}
         self._now = declare_cached_value(self, "picture", AbstractValue.Make(empty).Clone, self._draw, needs)
         for name in empty.pictures:
             self._declare_image(name)
@@ -167,9 +178,18 @@ class Camera(SampledValue):
 
     def _draw(self, context: Context, value: AbstractValue) -> None:
         query = self.query_object.Eval(context)
-        index = round(context.get_time() * self.rate)
-        pictures = {name: self._picture(name, query, X_BC, index) for name, X_BC in self._eyes.items()}
+        index, X_BT = round(context.get_time() * self.rate), self._back(context, query)
+        pictures = {name: self._picture(name, query, X_BT @ X_BC, index) for name, X_BC in self._eyes.items()}
         value.set_value(Shot(pictures))
+
+    def _back(self, context: Context, query: QueryObject) -> RigidTransform:
+        """Return the pose in the body of the camera of where the body is at the time of its velocities."""
+        if self._lead == 0.0 or not self.body_velocities.HasValue(context):
+            return RigidTransform()
+        V_WB = self.body_velocities.Eval(context)[self._body]
+        R_BW = query.GetPoseInWorld(self._body_frame).rotation().inverse()
+        turn = R_BW.multiply(-self._lead * V_WB.rotational())
+        return RigidTransform(RotationMatrix(rotations(turn[None])[0]), R_BW.multiply(-self._lead * V_WB.translational()))
 
     def _picture(self, name: str, query: QueryObject, X_BC: RigidTransform, index: int) -> NDArray[Any]:
         lens, stream = self._lens, self._streams[name]
@@ -236,7 +256,7 @@ def make_camera(mount: PictureMount, *, parts: "PlantParts", part: "VehicleInPla
     renderer = vehicle_renderer(parts, part)
     frame = parts.plant.GetFrameByName(mount.frame, part.instance)
     labels = label_names(parts) if mount.label else {}
-    return Camera(parts.plant, frame, mount, renderer=renderer, stream=stream, labels=labels)
+    return Camera(parts.plant, frame, mount, renderer=renderer, stream=stream, labels=labels, lead=parts.lead)
 
 
 def check_memory(mount: PictureMount, part: "VehicleInPlant") -> None:

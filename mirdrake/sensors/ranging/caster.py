@@ -68,7 +68,10 @@ class Caster:
             self._before = system.DeclareDiscreteState(np.full(1 + NUMBERS * len(self._bodies), -np.inf))
 
     def states(self, context: Context) -> dict[int, BodyState]:
-        """Return the present poses and velocities of the carrier and of all visible bodies, by body."""
+        """Return the present poses and velocities of the carrier and of all visible bodies, by body.
+
+        Poses of the plant lead its velocities by half a step and are moved back, as in the ground truth.
+        """
         poses, velocities = self._poses.Eval(context), self._velocities.Eval(context)
         states = {
             body: BodyState(
@@ -76,7 +79,7 @@ class Caster:
                 poses[body].translation(),
                 velocities[body].rotational(),
                 velocities[body].translational(),
-            )
+            ).back(self.world.lead)
             for body in self._bodies
             if body < self.world.bodies
         }

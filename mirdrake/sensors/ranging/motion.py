@@ -46,6 +46,12 @@ class BodyState:
         """Rate of turn [rad/s]."""
         return hypot(*self.w.tolist())
 
+    def back(self, time: float) -> "BodyState":
+        """Return the state with the pose of a short time before [s], at the present velocities."""
+        if time == 0.0 or not (self.v.any() or self.w.any()):
+            return self
+        return BodyState(rotations(-time * self.w[None])[0] @ self.R, self.p - time * self.v, self.w, self.v)
+
     def numbers(self) -> Array:
         """Return the state as :data:`NUMBERS` numbers."""
         return np.concatenate((self.R.ravel(), self.p, self.w, self.v))

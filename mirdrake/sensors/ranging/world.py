@@ -99,8 +99,10 @@ class RayWorld:
         ground: whether there is a ground.
         terrain: its height.
         actors: actors of the world; their numbers as bodies follow those of the plant.
+        lead: time by which positions of the plant lead its velocities [s].
 
     Attributes:
+        lead: as given.
         things: names of the objects that rays can meet, by their numbers; the first is the ground.
         bodies: number of bodies of the plant.
         actors: number of actors.
@@ -117,8 +119,9 @@ class RayWorld:
         ground: bool = True,
         terrain: Terrain = FLAT,
         actors: "ActorsInScene | None" = None,
+        lead: float = 0.0,
     ) -> None:
-        self.things = ["ground"]
+        self.things, self.lead = ["ground"], lead
         self._ground, self._terrain, self._actors = ground, terrain, actors
         inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
         fixed: list[Faces] = []
@@ -448,7 +451,9 @@ def ray_world(parts: "PlantParts") -> RayWorld:
     """Return the ray world of a plant; it is made at the first call and shared by all its sensors."""
     if parts.plant not in _worlds:
         terrain = parts.world.ground.terrain
-        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph, terrain=terrain, actors=parts.actors)
+        _worlds[parts.plant] = RayWorld(
+            parts.plant, parts.scene_graph, terrain=terrain, actors=parts.actors, lead=parts.lead
+        )
     return _worlds[parts.plant]
 
 

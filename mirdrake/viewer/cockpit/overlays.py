@@ -213,6 +213,21 @@ class Overlays:
             body = bodies[0] if self._ours(bodies[0]) else bodies[1] if self._ours(bodies[1]) else -1
             sign = 1.0 if body == bodies[0] else -1.0
             contacts.append((surface.centroid(), sign * patch.F_Ac_W().translational(), body))
+        if self._assembly.parts.wheel_contact == "tyre":
+            contacts += self._loads(context)
+        return contacts
+
+    def _loads(self, context: Context) -> list[tuple[Array, Array, int]]:
+        """Return the contacts of :meth:`_contacts` of wheels with a vertical tyre, which are none of the plant."""
+        assert self._tyres is not None
+        own = self._assembly.parts.plant.GetMyContextFromRoot(context)
+        loads = self._tyres.GetOutputPort("wheel_load").Eval(self._tyres.GetMyContextFromRoot(context))
+        contacts = []
+        for joint, load in zip(self._part.wheels, loads, strict=True):
+            x, y, _ = joint.frame_on_parent().CalcPoseInWorld(own).translation().tolist()
+            ground = self._assembly.parts.terrain.at(x, y)
+            body = int(joint.child_body().index())
+            contacts.append((np.array([x, y, ground.z]), load * np.array(ground.normal), body))
         return contacts
 
     def _ours(self, body: int) -> bool:
