@@ -18,6 +18,7 @@ from mirdrake.plant.plant import implicit_servo, solves_joints
 from mirdrake.plant.wheels.joint_step import JOINT_PARTS, JointMemory, StiffJoint, joint_steps
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles.joint_control import ServoGains
+from tests.ground_rigs import on_ground
 
 
 def move(
@@ -276,3 +277,14 @@ def test_a_car_stops_at_a_wall(tmp_path: Path) -> None:
     assert abs(signals["ego.vx"].iloc[-1]) < 0.02
     assert signals["ego.vx"].min() > -2.0
     assert signals["ego.z"].max() < 0.1
+
+
+@pytest.mark.parametrize("step", [0.01, 0.005, 0.004])
+def test_no_step_of_a_run_is_divided(tmp_path: Path, step: float) -> None:
+    """The checks for a stop and readings of the logs fall on steps, whatever their length."""
+    times: list[float] = []
+    assembly = on_ground(tmp_path, contact="tyre", step=step, speed=10.0, record={"rate": 50.0, "report": False})
+    assert assembly.parts.plant.time_step() == 0.0
+    Simulation(assembly).run(duration=1.0, monitor=lambda context: times.append(context.get_time()))
+    steps = np.unique(np.round(np.diff(times), 9))
+    assert set(steps) <= {0.0, step}

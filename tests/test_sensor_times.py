@@ -16,15 +16,15 @@ from tests.ground_rigs import on_ground
 WALL, STEP = 60.0, 0.01  # m, s
 
 MOUNTS: dict[str, dict[str, Any]] = {
-    "front_lidar": {
-        "kind": "laser_scanner", "frame": "front_lidar", "rate": 50.0, "beams": 3, "start_angle": "-20 deg",
-        "end_angle": "20 deg", "near": 0.1, "far": 100.0,
+    "roof_lidar": {
+        "preset": "sick_lms291", "rate": 50.0, "beams": 3, "start_angle": "-20 deg", "end_angle": "20 deg",
+        "near": 0.1, "far": 100.0, "noise": 0.0, "resolution": 0.0, "rolling": False,
     },
-    "depth": {
-        "kind": "depth_camera", "frame": "front_lidar", "rate": 50.0, "width": 9, "height": 9, "far": 100.0,
-        "horizontal_fov": "5 deg", "depth_near": 0.1, "depth_far": 90.0,
+    "sonar_front_left": {
+        "preset": "kinect_v1", "rate": 50.0, "width": 9, "height": 9, "horizontal_fov": "5 deg", "near": 0.1, "depth_near": 0.1,
+        "depth_far": 90.0, "depth_noise": {}, "inverse_depth_resolution": 0.0,
     },
-    "encoder": {"kind": "wheel_encoder", "frame": "rear_left_wheel", "rate": 100.0, "counts": 1e6},
+    "encoder_rear_left": {"rate": 100.0, "counts": 1e6, "quadrature": True, "wrap": None},
 }  # fmt: skip
 
 
@@ -36,20 +36,27 @@ def test_sensors_agree_with_the_ground_truth(tmp_path: Path, contact: str) -> No
     within a count of the recorded angle, and that within 1e-9 rad of the trapezoidal sum of the recorded rate.
     """
     cameras = rendering._egl_fault() is None
-    names = ["front_lidar", "encoder", *(["depth"] if cameras else [])]
+    names = ["roof_lidar", "encoder_rear_left", *(["sonar_front_left"] if cameras else [])]
     assembly = on_ground(
         tmp_path,
         world={"props": [{"box": [1.0, 40.0, 6.0], "at": [WALL + 0.5, 0.0]}]},
         contact=contact,
         step=STEP,
-        rows=[(0.0, 12.0, 0.0), (0.5, 12.0, 0.0), (0.51, 6.0, 0.0)],
-        vehicles={"ego": {"model": "bolt@handling", "speed": 12.0, "mounts": {name: MOUNTS[name] for name in names}}},
+        rows=[(0.0, 12.0, 0.0), (0.5, 12.0, 0.0), (2.5, 11.0, 0.0)],
+        vehicles={"ego": {"model": "mkz@handling", "start": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "speed": 12.0, "mounts": {name: MOUNTS[name] for name in names}}},
         sensors={"ego": names},
+        record={"rate": 1.0 / STEP, "report": False, "meshcat": False, "cameras": cameras},
     )
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     systems = {system.get_name(): system for system in assembly.diagram.GetSystems()}
-    X_BS = plant.GetFrameByName("front_lidar", part.instance).GetFixedPoseInBodyFrame()
-    errors: dict[str, list[float]] = {"front_lidar": [], "depth": []}
+    rest = plant.CreateDefaultContext()
+    errors: dict[str, list[float]] = {name: [] for name in names}
+
+    def distance(state: Any, frame: str) -> float:
+        """Return the distance from a frame of the car to the wall, ahead [m]."""
+        X_BS = plant.GetFrameByName(frame, part.instance).CalcPose(rest, part.base.body_frame())
+        X_WS = RigidTransform(RollPitchYaw(state[3:6]), state[:3]) @ X_BS
+        return float((WALL - X_WS.translation()[0]) / X_WS.rotation().matrix()[0, 0])
 
     def look(context: Context) -> None:
         own = plant.GetMyContextFromRoot(context)
@@ -57,19 +64,19 @@ def test_sensors_agree_with_the_ground_truth(tmp_path: Path, contact: str) -> No
         pose = q[part.base.floating_positions_start() :][:7]
         twist = v[part.base.floating_velocities_start_in_v() :][:6]
         state = vehicle_state(pose, twist, STEP)
-        X_WS = RigidTransform(RollPitchYaw(state[3:6]), state[:3]) @ X_BS
-        distance = (WALL - X_WS.translation()[0]) / X_WS.rotation().matrix()[0, 0]
-        scanner = systems["ego.front_lidar"]
-        errors["front_lidar"].append(scanner.measure(scanner.GetMyContextFromRoot(context))[1] - distance)
-        if cameras and len(errors["front_lidar"]) % 50 == 0:
-            errors["depth"].append(systems["ego.depth"].look(context)["depth"][4, 4] - distance)
+        scanner = systems["ego.roof_lidar"]
+        seen = scanner.measure(scanner.GetMyContextFromRoot(context))[1]
+        errors["roof_lidar"].append(seen - distance(state, "roof_lidar"))
+        if cameras and len(errors["roof_lidar"]) % 20 == 0:
+            seen = systems["ego.sonar_front_left"].look(context)["depth"][4, 4]
+            errors["sonar_front_left"].append(seen - distance(state, "sonar_front_left"))
 
     signals = Simulation(assembly).run(duration=2.0, monitor=look).signals
-    assert np.abs(errors["front_lidar"]).max() < 1e-5
-    assert not cameras or np.abs(errors["depth"]).max() < 1e-4
+    assert np.abs(errors["roof_lidar"]).max() < 1e-5
+    assert not cameras or np.abs(errors["sonar_front_left"]).max() < 1e-4
 
     angle, spin = signals["ego.wheel_angle.rear_left"].to_numpy(), signals["ego.wheel_speed.rear_left"].to_numpy()
     assert np.abs(np.diff(angle) - 0.5 * STEP * (spin[1:] + spin[:-1])).max() < 1e-9
     assert angle[0] == pytest.approx(0.0, abs=1e-12)
-    counts = signals["ego.encoder"].to_numpy()
+    counts = signals["ego.encoder_rear_left"].to_numpy()
     assert np.abs(counts[:-1] - angle[:-1] * 1e6 / (2.0 * np.pi)).max() <= 1.0

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from math import pi
 from pathlib import Path
 from typing import Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def test_the_ground_beside_a_slab_is_lower_by_its_thickness(thickness: float) ->
     area = shapely.union(spikes, shapely.Point(60.0, 5.0).buffer(7.0))
     terrain, face = Terrain([Slab(area, thickness)]), max(thickness, FACE)
     random = np.random.default_rng(2)
-    edge = shapely.boundary(area)
+    edge: Any = shapely.boundary(area)
     near = shapely.line_interpolate_point(edge, random.uniform(0.0, edge.length, 4000))
     points = np.vstack(
         [
@@ -66,7 +67,7 @@ def test_only_a_thickness_lowers_the_ground() -> None:
 
 def faces(item: SceneryItem) -> Iterator[np.ndarray]:
     """Yield the triangles of each primitive of a mesh (n, 3, 3), z up."""
-    document = json.loads(item.shape.source().in_memory().mesh_file.contents())  # type: ignore[attr-defined]
+    document = json.loads(item.shape.source().in_memory().mesh_file.contents())
     blob = base64.b64decode(document["buffers"][0]["uri"].split(",")[1])
 
     def read(index: int, kind: str) -> np.ndarray:

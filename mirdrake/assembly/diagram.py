@@ -164,6 +164,14 @@ class Assembly:
                 f"{', '.join(names)}; add [<output>, {names[0]}] to connect"
             )
 
+    def steps_in(self, time: float) -> int:
+        """Return the number of steps of the plant, at least one, whose length is nearest to a time [s].
+
+        A call of ``Simulator.AdvanceTo`` must end with a step: within a step it would divide it into two, in which a
+        continuous plant has other results.
+        """
+        return max(round(time / self.spec.plant.time_step), 1)
+
     def make_simulator(self, context: Context | None = None) -> Simulator:
         """Return a Simulator of the diagram, with the integrator that a continuous plant needs.
 

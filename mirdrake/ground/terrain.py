@@ -410,7 +410,8 @@ def _slab_index(
     # point is at most twice that farther from the centre than the one nearest to the centre.
     half = cell / sqrt(2.0)
     points = shapely.points(centres)
-    tree = shapely.STRtree(shapely.linestrings(segments.reshape(-1, 2, 2)))
+    lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
+    tree = shapely.STRtree(lines)
     (near, _), distances = tree.query_nearest(
         points, max_distance=face + half, return_distance=True, all_matches=False
     )

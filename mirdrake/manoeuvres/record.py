@@ -12,6 +12,8 @@ from mirdrake.manoeuvres.base import Array
 SMOOTHING = 0.1
 """Window of the parabola that differentiates velocities [s]."""
 
+_GREGORY = (95.0 / 288.0, 317.0 / 240.0, 23.0 / 30.0, 793.0 / 720.0, 157.0 / 160.0)
+
 
 @dataclass(frozen=True)
 class Record:
@@ -135,8 +137,9 @@ def unwrapped(angle: Array) -> Array:
 def _slopes_of_parabolas(values: Array, window: int) -> Array:
     """Return the slope per sample of the parabola that fits best to the window around each sample.
 
-    Samples nearer to an end than half a window have the parabola of the first or last window. A. Savitzky and M. J. E.
-    Golay, Analytical Chemistry 36 (1964) 1627; the same as savgol_filter of SciPy, which fits the ends anew each time.
+    Samples nearer to an end than half a window have the parabola of the first or last window. The filter is that of A.
+    Savitzky and M. J. E. Golay, Analytical Chemistry 36 (1964) 1627, for the curve through the samples instead of the
+    samples: the sum of squares is an integral, so that the bandwidth does not depend on the number of samples.
     """
     half, slopes = window // 2, _slope_weights(window)
     inside = np.convolve(values, slopes[half, ::-1], mode="valid")
@@ -148,8 +151,24 @@ def _slope_weights(window: int) -> Array:
     """Return the weights (window, window) of the samples of a window in the slope of its parabola at each sample."""
     place = np.arange(window) - window // 2
     # Coefficients 1, x, x² of the least-squares parabola; its slope is c1 + 2 c2 x.
-    coefficients = np.linalg.pinv(np.vander(place.astype(float), 3, increasing=True))
+    root = np.sqrt(_integration_weights(window))
+    coefficients = np.linalg.pinv(root[:, None] * np.vander(place.astype(float), 3, increasing=True)) * root
     weights: Array = coefficients[1] + 2.0 * place[:, None] * coefficients[2]
+    return weights
+
+
+def _integration_weights(count: int) -> Array:
+    """Return the weights of an odd number of samples in the integral over them, per sample.
+
+    Gregory's rule with the differences up to the fourth, or Simpson's rule if there are fewer than eleven samples (F.
+    B. Hildebrand, Introduction to Numerical Analysis, sections 3.5 and 5.9).
+    """
+    weights = np.ones(count)
+    if count < 2 * len(_GREGORY) + 1:
+        weights[1:-1:2], weights[2:-1:2], weights[[0, -1]] = 4.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0
+        return weights
+    weights[: len(_GREGORY)] = _GREGORY
+    weights[-len(_GREGORY) :] = _GREGORY[::-1]
     return weights
 
 

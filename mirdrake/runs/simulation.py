@@ -43,7 +43,7 @@ LONG_BLOCK = 10.0
 """The same if samples are neither written nor evaluated during the run [s]."""
 
 SLICE = 0.125
-"""Simulated time between two checks for a stop [s]; a power of two, so that its multiples are exact."""
+"""Approximate simulated time between two checks for a stop [s]; it is a multiple of the step of the plant."""
 
 Progress = Callable[[float, float], None]
 
@@ -255,16 +255,18 @@ class Simulation:
         commands += [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
         # Samples are read rarely if nobody looks at them, often if a kill would lose pictures.
         watched = blocks.written or laps is not None or progress is not None
-        slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
+        step = self.assembly.spec.plant.time_step
+        steps = self.assembly.steps_in(SLICE)
+        slices = max(round((BLOCK if watched else LONG_BLOCK) / (steps * step)), 1)
         if blocks.written and self.assembly.cameras:  # it may be slower than real time; a kill must not lose more
-            slices = round(SLOW_BLOCK / SLICE)
+            slices = max(round(SLOW_BLOCK / (steps * step)), 1)
         # The tolerance prevents a last step of rounding error size when the end is not a multiple of the slice.
         while context.get_time() < end - 1e-9:
             count += 1
             # The monitor may have met the condition in Initialize already; then no step is taken.
             if not met.is_set():
-                # A multiple of the slice instead of a sum: the times of the logs are equal for all block lengths.
-                self._simulator.AdvanceTo(min(count * SLICE, end))
+                # A multiple of the step instead of a sum: it is the time of the plant's event, without rounding.
+                self._simulator.AdvanceTo(min(count * steps * step, end))
             stopping = interrupted.is_set() or met.is_set()
             if count % slices and not stopping and context.get_time() < end - 1e-9:
                 continue

@@ -40,7 +40,7 @@ from mirdrake.viewer.meshcat import meshcat_faults
 from mirdrake.worlds import Track
 
 SLICE = 1.0 / 64.0
-"""Simulated time between two readings of the input [s]."""
+"""Approximate simulated time between two readings of the input [s]; it is a multiple of the step of the plant."""
 
 BLOCK = 0.25
 """Simulated time between two readings of the logs [s]."""
@@ -132,7 +132,9 @@ class Cockpit:
         self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
         # Only signals that the user chose for plotting are sent to the page.
         self._plotted = [tap for tap in self.assembly.taps.values() if tap.is_chosen]
-        self._pace = Pace(SLICE)
+        self._steps = self.assembly.steps_in(SLICE)
+        self._slice = self._steps * self.assembly.spec.plant.time_step
+        self._pace = Pace(self._slice)
         self._factor = 1.0
         self._begin(self.assembly.make_context())
 
@@ -200,15 +202,15 @@ class Cockpit:
         manual = self.watchdog.read()
         # Without input the watchdog returns None: the vehicle brakes instead of keeping its command.
         if manual is None:
-            self._hand = stop_step(self._hand, period=SLICE, limits=self.limits)
+            self._hand = stop_step(self._hand, period=self._slice, limits=self.limits)
         else:
-            self._hand = command_step(self._hand, manual, measured=state[6], period=SLICE, limits=self.limits)
+            self._hand = command_step(self._hand, manual, measured=state[6], period=self._slice, limits=self.limits)
         self._check_input(self.watchdog.lost, moving=abs(state[6]) > STANDING or self._hand.speed != 0.0)
         self._driver.set_command(self._hand.speed, self._hand.steering)
         self._count += 1
         try:
-            # A multiple of the slice, so that times do not accumulate rounding errors.
-            self._simulator.AdvanceTo(self._count * SLICE)
+            # A multiple of the step, so that times do not accumulate rounding errors.
+            self._simulator.AdvanceTo(self._count * self._steps * self.assembly.spec.plant.time_step)
         except RunError:
             raise
         except RuntimeError as error:
@@ -217,11 +219,11 @@ class Cockpit:
         if not np.all(np.isfinite(self._plant_state())):
             self._fail("a position or velocity is not a number")
             return
-        self._odometer += abs(state[6]) * SLICE
+        self._odometer += abs(state[6]) * self._slice
         if self.overlays is not None:
             self.overlays.note(state[0], state[1])
         # Logs are cleared even without a recording, or they would grow as long as somebody drives.
-        if self._count % round(BLOCK / SLICE) == 0:
+        if self._count % max(round(BLOCK / self._slice), 1) == 0:
             if self._log is not None:
                 self._log.read(context)
             else:
