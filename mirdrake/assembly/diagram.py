@@ -15,7 +15,7 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.assembly.parts`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -321,6 +321,11 @@ def assemble(
         diagram = builder.Build()
     except RuntimeError as error:
         raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
+    if continuous and _divides_steps(wiring.systems.values(), spec.plant.time_step):
+        return assemble(
+            spec, meshcat=meshcat, scene=scene, drawing_period=drawing_period, drawn=drawn, expand=expand,
+            factories=factories, continuous=False,
+        )  # fmt: skip
     diagram.set_name(spec.name)
     cameras = {
         f"{vehicle}.{sensor}": (wiring.systems[f"{vehicle}.{sensor}"], vehicle)
@@ -378,6 +383,12 @@ def _keeps_steps(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], factories: 
             delays.append(mount.latency)
     step = spec.plant.time_step
     return all(_is_whole(1.0 / (rate * step)) for rate in rates) and all(_is_whole(time / step) for time in delays)
+
+
+def _divides_steps(systems: Iterable[System], step: float) -> bool:
+    """Return whether the period of a system, as of powertrains and drivers, is not a multiple of a step [s]."""
+    periods = [getattr(system, "period", None) for system in systems]
+    return not all(_is_whole(period / step) for period in periods if isinstance(period, float))
 
 
 def _is_whole(number: float) -> bool:

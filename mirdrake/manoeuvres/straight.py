@@ -239,6 +239,9 @@ class SplitFrictionSpec(ManoeuvreSpec):
     hands: Literal["corrects", "fixed"] = setting("corrects", "steering of the driver", "", "own")
     sideways: Length = setting(1.75, "largest lateral displacement that passes: half a lane", "m", "own", gt=0.0)
     yaw: float = setting(math.radians(15.0), "largest heading error that passes", "rad", "own", gt=0.0)
+    until: Speed = setting(
+        15.0 * KMH, "speed down to which steering and motion count: below it wheels may lock", "m/s", "UN R13-H, recalled"
+    )
     lowest: float = setting(0.5, "deceleration below which it counts as not possible", "m/s²", "own", gt=0.0)
     time_step: Duration = time_step_setting(0.00125, "the first steering and a spin need it")
 
@@ -261,13 +264,15 @@ class SplitFrictionSpec(ManoeuvreSpec):
             # End the run only well beyond the allowed displacement, so that its size is reported.
             wide=4.0 * self.sideways,
         )
-        # A car that turns beyond _SPIN spins: only what is before that time is evaluated.
-        heading = np.abs(record.yaw)
-        turned = crossing(record.time, heading, _SPIN)
-        # Not "<=": the comparison with NaN (never turned) is false, so all samples are then seen.
-        seen = ~(record.time > turned)
-        offset, largest_heading = float(np.max(np.abs(record.y[seen]))), float(np.max(heading[seen]))
-        angle, rate = np.abs(np.degrees(record.hand_wheel)), np.abs(np.degrees(record.yaw_rate))
+        # A car that turns beyond _SPIN spins, and at walking speed the wheels lock, so that the steering has no effect:
+        # only what is before that time is evaluated. Both are NaN if they do not happen.
+        turned = crossing(record.time, np.abs(record.yaw), _SPIN)
+        slow = crossing(record.time, record.vx, self.until, after=_BEFORE)
+        turned = math.nan if turned > slow else turned
+        ends = [time for time in (turned, slow) if not math.isnan(time)]
+        seen = record.until(min(ends)) if ends else record
+        offset, largest_heading = float(np.max(np.abs(seen.y))), float(np.max(np.abs(seen.yaw)))
+        angle, rate = np.abs(np.degrees(seen.hand_wheel)), np.abs(np.degrees(seen.yaw_rate))
         if math.isnan(turned):
             # 95 % of the speed: at the brake's first contact the deceleration has not built up.
             braking = stop_from(record.time, record.vx, record.distance, 0.95 * self.speed)
@@ -279,20 +284,17 @@ class SplitFrictionSpec(ManoeuvreSpec):
         else:
             text = f"Time until it had turned by {math.degrees(_SPIN):.0f} deg, after which no figures are reported"
             outcome.add("turned", text, turned - _BEFORE, "s")
-
-            # Interpolated, as the crossing is between two samples.
-            offset, largest_heading = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _SPIN
         outcome.add("sideways", "Largest lateral displacement", offset, "m", f"at most {self.sideways:.3g} m")
         note = f"at most {math.degrees(self.yaw):.0f} deg"
         outcome.add("yaw", "Largest heading error", math.degrees(largest_heading), "deg", note)
-        outcome.add("yaw_rate", "Largest yaw rate", float(np.max(rate[seen])), "deg/s")
+        outcome.add("yaw_rate", "Largest yaw rate", float(np.max(rate)), "deg/s")
         # Negated for NaN: also evaluated if it never turned.
         if not turned < _BEFORE + 1.0:
             later = float(np.interp(_BEFORE + 1.0, record.time, np.degrees(record.yaw)))
             outcome.add("yaw_1s", "Heading after 1 s of braking", later, "deg")
-        largest = float(np.max(angle[seen]))
+        largest = float(np.max(angle))
         outcome.add("hand_wheel", "Largest hand-wheel angle", largest, "deg", "UN R13-H: 240 deg, recalled")
-        early = float(np.max(angle[seen & (record.time < _BEFORE + 2.0 + 1e-6)]))
+        early = float(np.max(angle[seen.time < _BEFORE + 2.0 + 1e-6]))
         text = "Largest hand-wheel angle in the first 2 s"
         outcome.add("hand_wheel_2s", text, early, "deg", "UN R13-H: 120 deg, recalled")
         _note_locked(outcome, record)

@@ -85,7 +85,8 @@ class RearSteering(LeafSystem):  # type: ignore[misc, unused-ignore]
         spec = part.vehicle.spec.steering.rear
         assert spec is not None
         self._spec, self._geometry = spec, part.vehicle.geometry
-        self._actuator = ActuatorLaw(spec.actuator, period=1.0 / RATE)
+        self.period = 1.0 / RATE
+        self._actuator = ActuatorLaw(spec.actuator, period=self.period)
         self._angles = [joint.position_start() for joint in part.steering]
         self._quaternion = part.base.floating_positions_start()
         self._velocity = plant.num_positions() + part.base.floating_velocities_start_in_v()

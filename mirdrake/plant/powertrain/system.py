@@ -80,7 +80,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
     ) -> None:
         super().__init__()
         geometry = part.vehicle.geometry
-        self.law = make_law(plant, part, rate=rate)
+        self.law, self.period = make_law(plant, part, rate=rate), 1.0 / rate
         positions = plant.num_positions()
         spins = [positions + joint.velocity_start() for joint in part.wheels]
         # Speeds of the wheel centres are needed for traction control and ABS; they follow from the motion of the body.
