@@ -21,8 +21,8 @@ MOUNTS: dict[str, dict[str, Any]] = {
         "near": 0.1, "far": 100.0, "noise": 0.0, "resolution": 0.0, "rolling": False,
     },
     "sonar_front_left": {
-        "preset": "kinect_v1", "rate": 50.0, "width": 9, "height": 9, "horizontal_fov": "5 deg", "near": 0.1, "depth_near": 0.1,
-        "depth_far": 90.0, "depth_noise": {}, "inverse_depth_resolution": 0.0,
+        "preset": "kinect_v1", "rate": 50.0, "width": 9, "height": 9, "horizontal_fov": "5 deg", "near": 0.1,
+        "depth_near": 0.1, "depth_far": 90.0, "depth_noise": {}, "inverse_depth_resolution": 0.0,
     },
     "encoder_rear_left": {"rate": 100.0, "counts": 1e6, "quadrature": True, "wrap": None},
 }  # fmt: skip
@@ -43,7 +43,14 @@ def test_sensors_agree_with_the_ground_truth(tmp_path: Path, contact: str) -> No
         contact=contact,
         step=STEP,
         rows=[(0.0, 12.0, 0.0), (0.5, 12.0, 0.0), (2.5, 11.0, 0.0)],
-        vehicles={"ego": {"model": "mkz@handling", "start": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "speed": 12.0, "mounts": {name: MOUNTS[name] for name in names}}},
+        vehicles={
+            "ego": {
+                "model": "mkz@handling",
+                "start": {"x": 0.0, "y": 0.0, "yaw": 0.0},
+                "speed": 12.0,
+                "mounts": {name: MOUNTS[name] for name in names},
+            }
+        },
         sensors={"ego": names},
         record={"rate": 1.0 / STEP, "report": False, "meshcat": False, "cameras": cameras},
     )

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from math import pi
 from pathlib import Path
 from typing import Any
-from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +79,7 @@ def faces(item: SceneryItem) -> Iterator[np.ndarray]:
 
 
 def test_the_meshes_of_the_test_track_are_the_ground_of_its_tyres() -> None:
-    """Random points of all triangles: within 1 mm; at inner corners two faces cross, at 1 of 1000 points within 5 mm."""
+    """Random points of all triangles: within 1 mm; 1 of 1000, where faces cross at inner corners, within 5 mm."""
     world, random = load_world("test_track"), np.random.default_rng(3)
     for item in scenery(world):
         for triangles in faces(item):
@@ -125,8 +124,8 @@ def test_wheels_cross_the_edge_of_a_road_with_every_contact(tmp_path: Path) -> N
     assert top - before == pytest.approx(0.01, abs=2e-5)
     assert after == pytest.approx(before, abs=1e-5)
 
-    # The ring of the radius r touches the edge where its chord at the height h of the edge ends: √(2 r d - d²) before it
-    # with d = h + the compression of the tyre, the height of the rear axle above the wheel at rest.
+    # The ring of the radius r touches the edge where its chord at the height h of the edge ends, √(2 r d - d²) before
+    # it with d = h + the compression of the tyre, the height of the rear axle above the wheel at rest.
     radius, depth = 0.3338, -before
     reach = float(np.sqrt(2.0 * radius * depth - depth**2))
     for name, ahead in zip(WHEEL_LOADS, (2.601, 2.601, 0.0, 0.0), strict=True):

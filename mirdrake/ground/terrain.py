@@ -398,7 +398,7 @@ def _slab_index(
         centre is outside, then the lists of segments; the origin and the side of the cells [m]; their numbers along x
         and y.
     """
-    bounds = np.asarray(area.bounds) + [-face, -face, face, face]
+    bounds = np.asarray(area.bounds) + np.array([-face, -face, face, face])
     low, sides = bounds[:2], bounds[2:] - bounds[:2]
     cell = max(_SLAB_CELL, sqrt(float(sides.prod()) / _SLAB_CELLS))
     nx, ny = (int(n) for n in np.ceil(sides / cell))
@@ -412,9 +412,7 @@ def _slab_index(
     points = shapely.points(centres)
     lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
     tree = shapely.STRtree(lines)
-    (near, _), distances = tree.query_nearest(
-        points, max_distance=face + half, return_distance=True, all_matches=False
-    )
+    (near, _), distances = tree.query_nearest(points, max_distance=face + half, return_distance=True, all_matches=False)
     which, found = tree.query(points[near], predicate="dwithin", distance=distances + 2.0 * half)
     owners = near[which]
     order = np.lexsort((found, owners))

@@ -240,7 +240,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
     sideways: Length = setting(1.75, "largest lateral displacement that passes: half a lane", "m", "own", gt=0.0)
     yaw: float = setting(math.radians(15.0), "largest heading error that passes", "rad", "own", gt=0.0)
     until: Speed = setting(
-        15.0 * KMH, "speed down to which steering and motion count: below it wheels may lock", "m/s", "UN R13-H, recalled"
+        15.0 * KMH, "speed down to which steering and motion count: below it wheels may lock", "m/s", "R"
     )
     lowest: float = setting(0.5, "deceleration below which it counts as not possible", "m/s²", "own", gt=0.0)
     time_step: Duration = time_step_setting(0.00125, "the first steering and a spin need it")

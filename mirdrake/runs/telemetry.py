@@ -125,7 +125,9 @@ class Telemetry:
         for side, joint in zip(("left", "right"), part.steering, strict=True):
             self._put(columns, f"{name}.steering_angle.{side}", x[joint.position_start()], "rad")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
-            angle = x[joint.position_start()] - 0.5 * part.period * x[positions + joint.velocity_start()]  # as for the pose
+            angle = (
+                x[joint.position_start()] - 0.5 * part.period * x[positions + joint.velocity_start()]
+            )  # as for the pose
             self._put(columns, f"{name}.wheel_angle.{wheel}", angle, "rad")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True):
             self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")

@@ -1,9 +1,9 @@
 """Visual geometry of a world: ground, roads and paint as meshes for Drake, sun and sky as data.
 
 Road, paint and ground are cut out of each other, so that no two surfaces are close above each other, which would cause
-z-fighting. The road's top is at z = 0, where the physical plane is; the ground beside
-it is lower by the thickness of the roads, as it is for tyres. A friction patch is cut out likewise; one without its own surface
-shows the surface below, darker and glossier, as if it were wet.
+z-fighting. The road's top is at z = 0, where the physical plane is; the ground beside it is lower by the thickness of
+the roads, as it is for tyres. A friction patch is cut out likewise; one without its own surface shows the surface
+below, darker and glossier, as if it were wet.
 """
 
 from collections.abc import Callable

@@ -189,7 +189,9 @@ class Camera(SampledValue):
         V_WB = self.body_velocities.Eval(context)[self._body]
         R_BW = query.GetPoseInWorld(self._body_frame).rotation().inverse()
         turn = R_BW.multiply(-self._lead * V_WB.rotational())
-        return RigidTransform(RotationMatrix(rotations(turn[None])[0]), R_BW.multiply(-self._lead * V_WB.translational()))
+        return RigidTransform(
+            RotationMatrix(rotations(turn[None])[0]), R_BW.multiply(-self._lead * V_WB.translational())
+        )
 
     def _picture(self, name: str, query: QueryObject, X_BC: RigidTransform, index: int) -> NDArray[Any]:
         lens, stream = self._lens, self._streams[name]
