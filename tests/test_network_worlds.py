@@ -20,7 +20,7 @@ from mirdrake.worlds.lock import lock_text
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import lane_along
 from mirdrake.worlds.networks.network_relief import fill_from_nearest
-from mirdrake.worlds.networks.opendrive_network import continuity
+from mirdrake.worlds.networks.opendrive_omissions import continuity
 from mirdrake.worlds.networks.paint import dashes
 from mirdrake.worlds.networks.routes import find_place, find_route
 from mirdrake.worlds.scenery import scenery

@@ -8,7 +8,8 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.worlds.networks import Network
-from mirdrake.worlds.networks.opendrive_network import continuity, read_network
+from mirdrake.worlds.networks.opendrive_network import read_network
+from mirdrake.worlds.networks.opendrive_omissions import continuity
 from tests.opendrive_maps import (
     LANE,
     REACH,

@@ -449,6 +449,36 @@ def test_buried_and_floating_props_are_reported_with_their_distance() -> None:
     assert "30 cm" in faults[0].text
 
 
+def test_props_on_uneven_ground_are_compared_with_the_ground_below_them() -> None:
+    """A road along the x axis that rises by 1 m in 10 m: 2 m long boxes have 0.2 m of it below them."""
+    faults = check(
+        """
+        ground: {relief: [{road: {along: main, grade: [[0, 0.1], [100, 0.1]]}}]}
+        tracks: {main: {segments: [{line: 100}], width: 8}}
+        props:
+          - {box: [2, 1, 1], at: [20, 0]}
+          - {box: [2, 1, 1], at: [30, 0, 3]}
+          - {box: [2, 1, 1], at: [40, 0, 3.885]}
+          - {box: [2, 1, 1], at: [50, 0, 4.85]}
+          - {box: [2, 1, 1], at: [60, 0, 6.115]}
+          - {box: [2, 1, 1], at: [70, 0, 7.3]}
+          - {box: [2, 1, 1], at: [70, 0, 8.3], yaw: 10 deg}
+          - {box: [2, 1, 1], at: [90, 0, 0]}
+        """
+    )
+    # The first three and the fifth are on the ground within 2 cm. Of two boxes in the air, the upper one floats, too.
+    found = {fault.text.split(": ")[0]: (fault.kind, fault.depth) for fault in faults}
+    expected = {
+        "w.yaml:8": ("buried", 0.05),
+        "w.yaml:10": ("floating", 0.2),
+        "w.yaml:11": ("floating", 1.2),
+        "w.yaml:12": ("buried", 8.9),
+    }
+    assert found.keys() == expected.keys()
+    for place, (kind, depth) in expected.items():
+        assert found[place] == (kind, pytest.approx(depth, abs=0.02))
+
+
 def test_props_on_supported_props_are_not_floating() -> None:
     world = """
     props:

@@ -1,7 +1,8 @@
 """Reader of XML files to trees with the line of each element; files are bounded in size and have no entities."""
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -11,7 +12,7 @@ from xml.parsers import expat
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.yaml_io import display_path
 
-__all__ = ["Element", "XmlDocument", "parse_xml", "read_xml_bytes"]
+__all__ = ["Element", "XmlDocument", "count_unread", "parse_xml", "read_xml_bytes"]
 
 _LATE_DECLARATION = re.compile(
     rb"(?s)(?=[\s<](?!\?))\s*+(?:<!--(?>.*?-->)\s*+)*+(<\?xml\s(?:[^>]*?encoding=[\"']([\w.-]+)[\"'])?[^>]*\?>)"
@@ -121,3 +122,26 @@ def parse_xml(
     except (ValueError, LookupError) as fault:  # an unknown encoding
         raise error(f"{name}: not valid XML: {fault}") from None
     return XmlDocument(root[0], lines, name)
+
+
+def count_unread(
+    element: Element, *, read: Container[str], leaves: Container[str] = (), metadata: Container[str] = ()
+) -> Counter[str]:
+    """Return how often each kind of element below an element occurs that a reader does not read.
+
+    Args:
+        element: the element.
+        read: tags of the elements that it reads; others count, without their parts.
+        leaves: tags whose parts are read, or reported, together with them.
+        metadata: tags that state nothing about the contents, which do not count.
+    """
+    found: Counter[str] = Counter()
+    for child in element:
+        if child.tag in leaves or child.tag in metadata:
+            continue
+        if child.tag in read:
+            found += count_unread(child, read=read, leaves=leaves, metadata=metadata)
+        # An empty element, such as <surface/>, states nothing.
+        elif child.attrib or len(child):
+            found[child.tag] += 1
+    return found

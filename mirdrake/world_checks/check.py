@@ -92,7 +92,7 @@ def examine(
     overlaps = find_overlaps(near, world.rules.may_overlap if world.rules is not None else lambda _a, _b: False)
     faults += overlaps
     faults += find_gaps(near, world.rules, {fault.names for fault in overlaps})
-    faults += find_unsupported(near, world.rules)
+    faults += find_unsupported(near, world.rules, world.ground.terrain)
 
     # Vehicles, tests, first steps.
     trips = _Trips(world, near, time_limit)

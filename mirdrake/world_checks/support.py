@@ -2,11 +2,15 @@
 
 A prop is supported if its lowest point is on the ground, within a tolerance, or if it rests on a supported prop. A
 static prop may also be attached to the side of another, as a sign on a wall; one that can be knocked over would fall.
+Where the ground is uneven, a prop on it has its lowest point between the lowest and the highest ground below that part.
 The tolerance is 2 cm; the last rule `on_ground` that names a prop sets another one, for example for a hanging lamp.
 """
 
 from collections.abc import Sequence
 
+import shapely
+
+from mirdrake.ground import FLAT, Terrain
 from mirdrake.world_checks import sentences
 from mirdrake.world_checks.faults import Fault
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, MOST_OVERLAPS, Neighbours
@@ -19,19 +23,26 @@ TOLERANCE = float(OnGroundSpec.model_fields["tolerance"].default)
 """Largest gap or depth of a prop on the ground [m], unless a rule sets another one."""
 
 
-def find_unsupported(near: Neighbours, rules: Rules | None) -> list[Fault]:
-    """Return the faults of buried and floating props."""
+def find_unsupported(near: Neighbours, rules: Rules | None, terrain: Terrain = FLAT) -> list[Fault]:
+    """Return the faults of buried and floating props.
+
+    Args:
+        near: the props.
+        rules: rules of the world.
+        terrain: the ground.
+    """
     props = near.props
     if not props:
         return []
     tolerances = [_tolerance(prop, rules) for prop in props]
-    bottoms = [_bottom(near, index, tolerances[index]) for index in range(len(props))]
+    bottoms = [_above_ground(near, index, tolerances[index], terrain) for index in range(len(props))]
     faults = []
     # Depth in the ground is a fault for itself; support is by the ground or, below, by other props.
     for prop, bottom, tolerance in zip(props, bottoms, tolerances, strict=True):
         if bottom < -tolerance - 1e-9:
             message = sentences.buried(prop, -bottom)
-            faults.append(Fault("buried", message, prop.where, (prop.name,), -bottom, _centre(prop, bottom)))
+            place = _centre(prop, bottom if terrain.flat else prop.bottom)
+            faults.append(Fault("buried", message, prop.where, (prop.name,), -bottom, place))
     supported = {index for index, bottom in enumerate(bottoms) if bottom <= tolerances[index] + 1e-9}
     floating = set(range(len(props))) - supported
     if not floating:
@@ -57,7 +68,8 @@ def find_unsupported(near: Neighbours, rules: Rules | None) -> list[Fault]:
     for index in sorted(floating):
         prop, bottom = props[index], bottoms[index]
         message = sentences.floating(prop, bottom)
-        faults.append(Fault("floating", message, prop.where, (prop.name,), bottom, _centre(prop, bottom)))
+        place = _centre(prop, bottom if terrain.flat else prop.bottom)
+        faults.append(Fault("floating", message, prop.where, (prop.name,), bottom, place))
     return faults
 
 
@@ -92,15 +104,22 @@ def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]])
 # --- the inner parts ----------------------------------------------------------------------------------------------
 
 
-def _bottom(near: Neighbours, index: int, tolerance: float) -> float:
-    """Return the height of the lowest point of a prop [m]; from its corners if these are on the ground already.
+def _above_ground(near: Neighbours, index: int, tolerance: float, terrain: Terrain) -> float:
+    """Return the height of the lowest point of a prop above the ground [m]; negative below it.
 
-    The corners of round solids are up to 1 % outside of them.
+    From its corners if these are on level ground already: the corners of round solids are up to 1 % outside of them.
     """
     prop = near.props[index]
-    if abs(prop.bottom) + 0.01 * (prop.top - prop.bottom) <= tolerance:
+    if terrain.flat and abs(prop.bottom) + 0.01 * (prop.top - prop.bottom) <= tolerance:
         return prop.bottom
-    return min(part.bottom for part in near.outlines(index))
+    bottom = min(part.bottom for part in near.outlines(index))
+    if terrain.flat:
+        return bottom
+    # The ground below the lowest parts, at their corners; beyond its range the prop is above or below all of it.
+    lowest = [part.area for part in near.outlines(index) if part.bottom <= bottom + tolerance]
+    corners = shapely.get_coordinates(lowest)
+    ground = terrain.height(corners[:, 0], corners[:, 1])
+    return bottom - min(max(bottom, float(ground.min())), float(ground.max()))
 
 
 def _tolerance(prop: PlacedProp, rules: Rules | None) -> float:

@@ -9,17 +9,24 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.xml_reader import count_unread
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot, find_spot
 from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, number, pose, station
-from mirdrake.importing.roads.storyboard import Board, conditions, read_steps
+from mirdrake.importing.roads.storyboard import Board, conditions, described, read_steps
 from mirdrake.importing.target import plain_name
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.opendrive_network import read_network
 
 _BEFORE, _AHEAD = 50.0, 1500.0  # [m] of the track of the ego vehicle behind and ahead of it
 _SHORTEST = 1.0  # [m] of that track
+# Elements that are read; those whose parts are read or reported with them; those that describe the file.
+_READ = {"RoadNetwork", "Entities", "ScenarioObject", "Vehicle", "Pedestrian", "MiscObject"}
+_LEAVES = {
+    "ParameterDeclarations", "CatalogLocations", "LogicFile", "BoundingBox", "CatalogReference", "Storyboard",
+}  # fmt: skip
+_METADATA = {"FileHeader", "Properties", "SceneGraphFile"}
 _EGO = ("ego", "ego_vehicle", "hero", "host", "vut")
 
 
@@ -54,12 +61,8 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
     steps = read_steps(board, made.changes)
 
     # Entities that move, or that a trigger refers to, are actors; others are props.
-    lines = [
-        "mirdrake: world/1",
-        f"name: {name}",
-        "",
-        f"ground: {ground_text(network, map_file or source, made.changes)}",
-    ]
+    ground = ground_text(network, map_file or source, made.changes)
+    lines = ["mirdrake: world/1", f"name: {name}", "", f"ground: {ground}"]
     lines += [f"network: {{xodr: {name}/map.xodr}}"] if network is not None else []
     if ego in spots:
         lines += _ego(name_of_ego, spots[ego], speeds.get(ego, 0.0), network)
@@ -84,6 +87,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
     if stop:
         why = "the test has a duration"
         made.changes.add(Code.ELEMENT, display_path(source), "end of the scenario", stop, "duration", why)
+    _report_rest(scenario, made.changes)
     # Every entity ends as ego, actor, prop or a row of the report; none disappears without one.
     for key, entity in entities.items():
         if key not in spots:
@@ -202,6 +206,18 @@ def _init(
                     Code.ELEMENT, scenario.where(kind), part, _described(kind), None, "not a position or a speed"
                 )
     return spots, speeds
+
+
+def _report_rest(scenario: Scenario, changes: Changes) -> None:
+    """Add the actions at the beginning that belong to no entity, and all elements that are not read."""
+    for tag in ("GlobalAction", "UserDefinedAction"):
+        for action in scenario.root.iterfind(f"Storyboard/Init/Actions/{tag}"):
+            kind = next(iter(action), action)
+            old, why = described(scenario, kind), "a world states surroundings by keys of its own"
+            changes.add(Code.ELEMENT, scenario.where(kind), f"{kind.tag} at the beginning", old, None, why)
+    for tag, count in count_unread(scenario.root, read=_READ, leaves=_LEAVES, metadata=_METADATA).items():
+        why = "without counterpart in a world"
+        changes.add(Code.ELEMENT, display_path(scenario.path), f"elements <{tag}>", str(count), None, why)
 
 
 def _speed(scenario: Scenario, target: Element, speeds: Mapping[str, float]) -> float | None:

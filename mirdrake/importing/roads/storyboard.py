@@ -74,8 +74,12 @@ def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
     scenario = board.scenario
     # Every action of every event ends as a step or as a row of the report with the reason.
     for act in scenario.root.iterfind("Storyboard/Story/Act"):
+        if ends := " or ".join(conditions(scenario, act.find("StopTrigger"))):
+            part = f"end of act '{act.get('name', '')}'"
+            changes.add(Code.POPULATION, scenario.where(act), part, ends, None, "steps are not stopped")
         for group in act.iterfind("ManeuverGroup"):
             actors = [reference.get("entityRef", "") for reference in group.iterfind("Actors/EntityRef")]
+            _report_group(scenario, group, actors, changes)
             for event in group.iterfind("Maneuver/Event"):
                 for action in event.iterfind("Action"):
                     try:
@@ -89,6 +93,21 @@ def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
                     else:
                         _report_approximations(board, event, action, actors, changes)
     return steps
+
+
+def _report_group(scenario: Scenario, group: Element, actors: list[str], changes: Changes) -> None:
+    """Add what a group of manoeuvres states beyond its events: manoeuvres of catalogues, and repetitions."""
+    owner = ", ".join(actors) or "nobody"
+    for reference in group.iterfind("CatalogReference"):
+        part, old = f"manoeuvre of {owner}", described(scenario, reference)
+        changes.add(
+            Code.POPULATION, scenario.where(reference), part, old, None, "manoeuvres of catalogues are not read"
+        )
+    for element in (group, *group.iterfind("Maneuver/Event")):
+        times = scenario.number(element, "maximumExecutionCount", 1.0)
+        if times > 1.0:
+            part = f"'{element.get('name', '')}' of {owner}: repetitions"
+            changes.add(Code.POPULATION, scenario.where(element), part, f"{times:g}", "1", "a step is taken once")
 
 
 def described(scenario: Scenario, element: Element) -> str:
@@ -173,14 +192,15 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> tuple[st
     leaf, delay = _leaf(condition), board.scenario.number(condition, "delay", 0.0)
     if condition.get("conditionEdge", "none") == "falling":
         raise NotRepresentedError("the condition of a step holds from some time on; it has no falling edge")
-    value, rule = board.scenario.number(leaf, "value", 0.0), leaf.get("rule", "")
+    rule = leaf.get("rule", "")
     if leaf.tag == "SimulationTimeCondition" and rule in _ABOVE:
         # Becoming greater than a time and reaching it are the same instant.
-        return _at(max(value, 0.0) + delay)
+        return _at(max(board.scenario.number(leaf, "value"), 0.0) + delay)
     if leaf.tag == "StoryboardElementStateCondition":
         return _after_action(board, leaf, delay, actor)
     if leaf.tag not in {"RelativeDistanceCondition", "DistanceCondition", "TimeHeadwayCondition"} or rule not in _BELOW:
-        raise NotRepresentedError(f"{leaf.tag} {rule} is not a condition of a step")
+        raise NotRepresentedError(f"{leaf.tag} {rule}".strip() + " is not a condition of a step")
+    value = board.scenario.number(leaf, "value")
     # An EntityCondition names its own entity outside of the leaf and the other one inside; the order does not matter.
     pair = {reference.get("entityRef") for reference in condition.iter("EntityRef")} | {leaf.get("entityRef")}
     other = next((name for name in pair if name not in {actor, None}), None)

@@ -7,6 +7,7 @@
     <signal>, <object> ──► Signal, StopLine          opendrive_signals.py
     signals, conflicts ──► Junction, priorities      right_of_way.py
     <roadMark> ──► PaintedLine                       opendrive_marks.py
+    all that is left out ──► notes                   opendrive_omissions.py
 """
 
 import math
@@ -21,15 +22,15 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path
 from mirdrake.worlds.networks.lane import Change, Lane, lane_along
 from mirdrake.worlds.networks.network import DRIVEN, Network
-from mirdrake.worlds.networks.opendrive_links import Links, find_links, lane_id, miss
+from mirdrake.worlds.networks.opendrive_links import find_links, lane_id
 from mirdrake.worlds.networks.opendrive_marks import read_marks
+from mirdrake.worlds.networks.opendrive_omissions import omissions
 from mirdrake.worlds.networks.opendrive_road import LaneRow, RoadLanes, Section, read_speed
 from mirdrake.worlds.networks.opendrive_signals import read_signals
 from mirdrake.worlds.networks.right_of_way import decide
 from mirdrake.worlds.opendrive_parts import LONGEST, parse_opendrive
 
 _NARROWEST = 0.05  # [m] largest width of a lane that is left out
-_APART = (0.01, math.radians(0.5))  # [m], [rad] above which a connection is reported
 
 
 def read_network(path: str | Path) -> Network:
@@ -59,16 +60,8 @@ def read_network(path: str | Path) -> Network:
     signals, stop_lines, unread = read_signals(root, roads, lanes, places)
     network = replace(network, signals=signals, stop_lines=stop_lines)
     junctions, priorities = decide(network, root)
-    notes = (*_notes(root, roads, network, links), *unread)
+    notes = (*omissions(root, roads, network, links), *unread)
     return replace(network, junctions=junctions, priorities=priorities, notes=notes)
-
-
-def continuity(network: Network) -> Iterator[tuple[str, str, float, float]]:
-    """Yield all connections of lanes for motor vehicles: both ids, the gap [m] and the difference in heading [rad]."""
-    for lane in network.driving():
-        for name in lane.successors:
-            if network.lanes[name].kind in DRIVEN:
-                yield lane.id, name, *miss(lane, network.lanes[name])
 
 
 # --- lanes --------------------------------------------------------------------------------------------------------
@@ -174,35 +167,3 @@ def _connect(lanes: Mapping[str, Lane], following: Mapping[str, list[str]]) -> d
         name: replace(lane, successors=tuple(following[name]), predecessors=tuple(preceding[name]))
         for name, lane in lanes.items()
     }
-
-
-# --- omissions ----------------------------------------------------------------------------------------------------
-
-
-def _notes(root: Element, roads: Mapping[str, RoadLanes], network: Network, links: Links) -> Iterator[str]:
-    """Yield the parts of the file that are left out or approximated, one line each."""
-    # What this reader adds or drops changes where cars can go, so each kind is reported with its number.
-    if links.added:
-        yield f"connections of lanes that the file leaves out: {links.added} added, where lanes meet"
-    if links.wrong:
-        yield f"connections of lanes with opposite directions, left out: {len(links.wrong)}, first {links.wrong[0]}"
-    # Gap and angle are weighed by their tolerances to find the worst connection.
-    apart = [row for row in continuity(network) if row[2] > _APART[0] or row[3] > _APART[1]]
-    if apart:
-        a, b, gap, turn = max(apart, key=lambda row: row[2] / _APART[0] + row[3] / _APART[1])
-        count = sum(1 for _ in continuity(network))
-        yield (
-            f"lanes that do not meet: {len(apart)} of {count} connections; worst {a} to {b}, "
-            f"{gap:.3g} m and {math.degrees(turn):.2g} deg"
-        )
-    shapes = sum(1 for road in roads.values() for _ in road.element.iterfind("lateralProfile/shape"))
-    if shapes:
-        yield f"cross-section profiles (lateralProfile/shape): {shapes}"
-    if heights := sum(1 for road in roads.values() for _ in road.element.iter("height")):
-        yield f"heights of lanes above the road, for example of kerbs: {heights}"
-    if railroads := sum(1 for road in roads.values() if road.element.find("railroad") is not None):
-        yield f"railroads: {railroads}"
-    offset = root.find("header/offset")
-    # An offset such as "0.0" or "-0" shifts nothing.
-    if offset is not None and any((offset.get(key) or "0").strip("-+.0eE") for key in ("x", "y", "hdg")):
-        yield "offset of the header: positions are those of the roads"
