@@ -363,7 +363,7 @@ def public(
     )
     world, left_out = imported(folder, text)
     # The test has a driver in place of the controller, and an acceleration of 0 has no effect.
-    assert set(left_out) <= {EGO_CONTROLLER, f"'Accelerate' of {mover}"}, left_out
+    assert set(left_out) <= {EGO_CONTROLLER, "elements <ObjectController>", f"'Accelerate' of {mover}"}, left_out
     return world, plain_name(mover)
 
 

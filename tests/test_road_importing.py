@@ -93,6 +93,32 @@ def test_a_map_of_500_roads_is_imported_and_laid_out_within_seconds(tmp_path: Pa
     assert reference_seconds(lay_out, times=1) < 10.0
 
 
+def test_each_element_of_a_map_that_is_not_read_has_a_line(tmp_path: Path) -> None:
+    parts = (
+        '<lateralProfile><shape s="0" t="0" a="0" b="0" c="0" d="0"/></lateralProfile><objects><tunnel id="t" s="1"/>'
+        '<bridge id="b" s="2"><validity/></bridge></objects><surface><CRG file="a.crg"/></surface>'
+        '<userData code="x"/><railroad/>'
+    )
+    rules = '<access rule="deny" restriction="trucks"/><height sOffset="0" inner="0.1" outer="0.1"/>'
+    street = road("1", geometry(0, 0, 0, 60.0), section([lane(1, more=rules)], [lane(-1)]), more=parts, links=(
+        '<predecessor elementType="road" elementId="7" contactPoint="end"/>'
+    ))  # fmt: skip
+    junctions = '<junction id="J" type="virtual"><connection incomingRoad="1" connectingRoad="9"/></junction>'
+    station = '<station id="s"><platform id="p"/></station>'
+    result, _ = imported(tmp_path, "rich.xodr", document(street, junctions, station))
+    assert lost(result) == [
+        "links to roads or junctions that the file does not contain: 2, first road 1 to road 7",
+        "virtual junctions, whose connections begin within a road: 1",
+        "elements <access>: 1",
+        "elements <height> of lanes above the road, for example of kerbs: 1",
+        "elements <shape>, cross-section profiles: 1",
+        "elements <tunnel>: 1",
+        "elements <bridge>: 1",
+        "elements <surface>: 1",
+        "elements <station>: 1",
+    ]
+
+
 def gpx(places: np.ndarray, heights: np.ndarray | None = None) -> str:
     lat, lon, _ = pymap3d.enu2geodetic(places[:, 0], places[:, 1], 0.0, 48.0, 11.0, 0.0)
     rows = [
@@ -338,6 +364,23 @@ DISTANCE = (
     'rule="lessThan"/>'
 )
 AFTER = "<SimulationTimeCondition value='4' rule='greaterThan'/>"
+
+
+def test_openscenario_lists_all_that_it_does_not_read(tmp_path: Path) -> None:
+    rain = "<GlobalAction><EnvironmentAction><Environment name='rain'/></EnvironmentAction></GlobalAction>"
+    text = (
+        SCENARIO.replace(
+            "<Storyboard>", "<VariableDeclarations><VariableDeclaration name='v'/></VariableDeclarations><Storyboard>"
+        )
+        .replace("<Actions>", f"<Actions>{rain}", 1)
+        .replace("</Entities>", "<EntitySelection name='all'><Members/></EntitySelection></Entities>")
+        .replace("<ManeuverGroup", "<ManeuverGroup maximumExecutionCount='3'", 1)
+    )
+    made = scenario(tmp_path, text)
+    lines = {f"{change.part}: {change.old}" for change in made.changes}
+    assert "EnvironmentAction at the beginning: Environment" in lines
+    assert {"elements <EntitySelection>: 1", "elements <VariableDeclarations>: 1"} <= lines
+    assert any(re.fullmatch(r"'.*' of Other: repetitions: 3", line) for line in lines)
 
 
 @pytest.mark.parametrize(

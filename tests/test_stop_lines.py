@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from mirdrake.actors.road_ahead import LINES, ROAD_AHEAD, next_lines
-from mirdrake.controllers.traffic_driver import stop_line
+from mirdrake.controllers.behaviours.laws import brake_speed
+from mirdrake.controllers.traffic_driver import Braking, arrival_time, stop_line
 from mirdrake.worlds.lights import AMBER, GREEN, RED, Light
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
 from tests.actor_rigs import simulation, world_file
 from tests.test_behaviours import FRONT, drive
 
-DRIVER = {"deceleration": 2.0, "reaction": 0.3}
+DRIVER = Braking(2.0, 8.0, 0.3, 1.0)
 FREE = {"stops": math.inf, "goes": -math.inf}
 Line = tuple[float, float, float]
 
@@ -45,44 +46,62 @@ def test_lines_that_are_not_open_are_reported_nearest_first() -> None:
     assert len(ROAD_AHEAD) == 2 + 3 * LINES
 
 
+def test_the_arrival_at_a_line_before_a_stop_is_the_integral_of_the_braking_profile() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(100):
+        speed, stop = float(rng.uniform(1.0, 30.0)), float(rng.uniform(5.0, 400.0))
+        place = float(rng.uniform(0.1, stop - 1.5))
+        x = np.linspace(0.0, place, 2001)
+        profile = [brake_speed(stop - 1.0 - at, deceleration=2.0, reaction=0.3) for at in x]
+        expected = float(np.trapezoid(1.0 / np.minimum(profile, speed), x))
+        assert arrival_time(place, speed, stop, DRIVER) == pytest.approx(expected, rel=1e-3)
+        assert arrival_time(place, speed, math.inf, DRIVER) == pytest.approx(place / speed)
+    assert arrival_time(9.5, 10.0, 10.0, DRIVER) == math.inf  # it stops 1 m before the line at 10 m
+
+
 def test_the_nearest_line_that_requires_a_stop_counts() -> None:
     """At 20 m/s a comfortable stop needs 20 0.3 + 20²/(2 2) = 106 m; amber for 2 s more is reached from 34 m."""
-    go, stop = line(33.9, AMBER), line(34.1, AMBER)
-    red, far = line(60.0, RED), line(120.0, AMBER)
+    near, go, stop = line(10.0, AMBER), line(33.9, AMBER), line(34.1, AMBER)
+    red = line(60.0, RED)
     cases: list[tuple[list[Line], float]] = [
         ([], math.inf),
         ([red], 60.0),
         ([go], math.inf),
         ([stop], 34.1),
-        ([go, red], 60.0),
+        # Braking for the red light at 60 m, it is at 10 m after 0.7 s, but at 33.9 m after 2.8 s.
+        ([near, red], 60.0),
+        ([go, red], 33.9),
         ([stop, red], 34.1),
-        ([go, stop], 34.1),
-        ([go, far], 120.0),
-        ([go, line(33.95, AMBER), red], 60.0),
-        ([go, line(50.0, RED, math.inf), red], 50.0),
+        ([near, line(10.1, AMBER), red], 60.0),
+        ([near, line(50.0, RED, math.inf), red], 50.0),
+        # 139 m and 119 m - 106 m before it begins to brake.
+        ([go, line(140.0, AMBER)], 140.0),
+        ([go, line(120.0, AMBER)], 33.9),
     ]
     for lines, distance in cases:
-        assert stop_line(lines, 20.0, **FREE, **DRIVER)[0] == distance, lines
+        assert stop_line(lines, 20.0, DRIVER, **FREE)[0] == distance, lines
 
 
 def test_decisions_about_amber_lights_are_kept() -> None:
     # To stop: even if the line could be reached now.
-    distance, stops, goes = stop_line([line(34.1, AMBER)], 20.0, **FREE, **DRIVER)
-    assert (distance, stops, goes) == (34.1, 34.1, -math.inf)
-    assert stop_line([line(34.0, AMBER, 2.3)], 20.0, stops=34.1, goes=goes, **DRIVER)[0] == 34.0
-    # Another light, which became amber in front of it, is a new decision, and so is the same one in the next cycle.
-    assert stop_line([line(20.0, AMBER), line(34.0, AMBER)], 20.0, stops=34.1, goes=goes, **DRIVER)[0] == 34.0
-    assert stop_line([], 20.0, stops=34.1, goes=goes, **DRIVER)[1] == math.inf
+    assert stop_line([line(34.1, AMBER)], 20.0, DRIVER, **FREE) == (34.1, 34.1, -math.inf)
+    assert stop_line([line(34.0, AMBER, 2.3)], 20.0, DRIVER, stops=34.1, goes=-math.inf)[0] == 34.0
+    assert stop_line([], 20.0, DRIVER, stops=34.1, goes=-math.inf)[1] == math.inf
+    # Another light, which became amber in front of it, is a new decision.
+    both = [line(5.0, AMBER), line(34.0, AMBER, 2.3)]
+    assert stop_line(both, 20.0, DRIVER, stops=34.1, goes=-math.inf)[0] == 34.0
 
-    # To go on: at red as well, as long as a comfortable stop is too late; at 8 m/s it needs 8 0.3 + 8²/4 = 18.4 m.
-    _, _, goes = stop_line([line(33.9, AMBER)], 20.0, **FREE, **DRIVER)
-    assert goes == 33.9
-    assert stop_line([line(18.3, RED)], 8.0, stops=math.inf, goes=18.3, **DRIVER)[0] == math.inf
-    assert stop_line([line(18.5, RED)], 8.0, stops=math.inf, goes=18.5, **DRIVER)[0] == 18.5
-    assert stop_line([line(0.5, RED)], 0.0, stops=math.inf, goes=0.5, **DRIVER)[0] == 0.5
+    # To go on: as long as half of the margin of 0.3 s is enough.
+    assert stop_line([line(33.9, AMBER)], 20.0, DRIVER, **FREE) == (math.inf, math.inf, 33.9)
+    for distance, ahead in ((36.9, math.inf), (37.1, 37.1)):
+        assert stop_line([line(distance, AMBER)], 20.0, DRIVER, stops=math.inf, goes=distance)[0] == ahead
+    # At red, only if the vehicle cannot stop any more: at 8 m/s within 8²/(2 8) = 4 m.
+    for distance, speed, ahead in ((3.9, 8.0, math.inf), (4.1, 8.0, 4.1), (0.5, 0.0, 0.5), (-0.5, 0.0, math.inf)):
+        assert stop_line([line(distance, RED)], speed, DRIVER, stops=math.inf, goes=distance)[0] == ahead
+        assert stop_line([line(distance, RED)], speed, DRIVER, **FREE)[0] == distance
     # But not past a closed line, nor past a red light behind it.
-    assert stop_line([line(18.0, RED, math.inf)], 8.0, stops=math.inf, goes=18.3, **DRIVER)[0] == 18.0
-    assert stop_line([line(5.0, RED), line(8.0, RED)], 8.0, stops=math.inf, goes=5.0, **DRIVER)[0] == 8.0
+    assert stop_line([line(3.0, RED, math.inf)], 8.0, DRIVER, stops=math.inf, goes=3.0)[0] == 3.0
+    assert stop_line([line(3.0, RED), line(6.0, RED)], 8.0, DRIVER, stops=math.inf, goes=3.0)[0] == 6.0
 
 
 @pytest.mark.parametrize("closed", [False, True])

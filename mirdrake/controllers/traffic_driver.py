@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 from pydantic import Field
 from pydrake.systems.framework import Context, DiscreteValues
@@ -27,46 +27,90 @@ LAG: Final = 8.0
 _SAME = 1.0  # [m] within which a line is where it was expected after the motion of a period
 
 
+class Braking(NamedTuple):
+    """How a driver stops at a line."""
+
+    deceleration: float
+    """of a comfortable stop [m/s^2]"""
+    limit: float
+    """largest deceleration [m/s^2]"""
+    reaction: float
+    """[s]"""
+    distance: float
+    """of a stop before the line [m]"""
+
+
 def stop_line(
-    lines: Sequence[tuple[float, float, float]],
-    speed: float,
-    *,
-    stops: float,
-    goes: float,
-    deceleration: float,
-    reaction: float,
+    lines: Sequence[tuple[float, float, float]], speed: float, braking: Braking, *, stops: float, goes: float
 ) -> tuple[float, float, float]:
     """Return the distance to the nearest line at which a driver stops [m], and its decisions about amber lights.
 
     The driver stops at every red light and closed line. At amber it goes on only if a comfortable stop is too late and
-    the line is reached before red. At v that needs a stop with v/(2 (T - 2 t)), for an amber of the duration T and the
-    reaction time t, at most. A decision to stop is kept until green. One to go on is kept, also when the light becomes
-    red, as long as a comfortable stop is too late.
+    the line is reached before red, also if it brakes for a line behind that; the reaction time t is left as a margin.
+    At v without such a line, another stop needs v/(2 (T - 2 t)) at most, for an amber of the duration T.
+    A decision to stop is kept until green. One to go on is kept while half of the margin is enough, and at red if the
+    vehicle cannot stop any more.
 
     Args:
         lines: distance [m], state, and the time that is left of it [s] of the next lines, nearest first.
         speed: v [m/s].
+        braking: how it stops.
         stops: distance to the amber light at which it has decided to stop [m]; infinite: none.
         goes: distance to the farthest light that it has decided to pass [m]; minus infinity: none.
-        deceleration: of a comfortable stop [m/s^2].
-        reaction: t [s].
 
     Returns:
         The distance [m], infinite without a line at which it stops, and the new `stops` and `goes`.
     """
-    needed = stopping_distance(speed, deceleration=deceleration, reaction=reaction)
-    passed = goes
-    for line, light, left in lines:
-        if light == GREEN:  # no further lines
-            break
-        stays = light == AMBER and abs(line - stops) < _SAME
-        was_passed = line < goes + _SAME and left < math.inf
-        # The reaction time is left as a margin, as the speed does not stay the same to the line.
-        is_reached = light == AMBER and line < speed * (left - reaction)
-        if stays or line >= needed or not (was_passed or is_reached):
-            return line, line if light == AMBER else math.inf, passed
-        passed = max(passed, line)
-    return math.inf, math.inf, passed
+    needed = stopping_distance(speed, deceleration=braking.deceleration, reaction=braking.reaction)
+    least = stopping_distance(speed, deceleration=braking.limit, reaction=0.0)
+    stop, state, passed = math.inf, GREEN, []
+    # From the farthest line to the nearest one, as a stop behind a line makes its passage later.
+    for line, light, left in reversed(lines):
+        was_passed = line < goes + _SAME
+        if light == AMBER:
+            margin = (0.5 if was_passed else 1.0) * braking.reaction
+            goes_on = line < needed and arrival_time(line, speed, stop, braking) < left - margin
+            goes_on &= abs(line - stops) >= _SAME
+        else:
+            # At red, only if it was to be passed at amber; a closed line never changes by time.
+            goes_on = light == GREEN or (was_passed and line < least and left < math.inf)
+        if goes_on:
+            passed.append(line)
+        else:
+            stop, state = line, light
+    passed = [line for line in passed if line < min(stop, needed)]
+    return stop, stop if state == AMBER else math.inf, max(passed, default=-math.inf)
+
+
+def arrival_time(line: float, speed: float, stop: float, braking: Braking) -> float:
+    """Return the time until a driver reaches a line if it stops at another one behind it [s]; -inf: it has passed it.
+
+    The speed is v up to the braking profile of :func:`mirdrake.controllers.behaviours.laws.brake_speed`, with the
+    deceleration a and the reaction time t. On the profile, the gap g to the stop fulfils g = v t + v²/(2 a), so that
+    dg = (t + v/a) dv, and the time from v1 to v2 is the integral of dg/v::
+
+        (v1 - v2)/a + t ln(v1/v2)
+
+    Args:
+        line: distance to the line [m].
+        speed: v [m/s].
+        stop: distance to the line of the stop [m]; infinite: none.
+        braking: how it stops.
+    """
+    if line <= 0.0:
+        return -math.inf
+    if speed <= 0.0:
+        return math.inf
+    a, reaction, gap = braking.deceleration, braking.reaction, stop - braking.distance
+    steady = gap - stopping_distance(speed, deceleration=a, reaction=reaction)  # distance before the profile
+    if line <= steady:
+        return line / speed
+    last = brake_speed(gap - line, deceleration=a, reaction=reaction)
+    if last <= 0.0:
+        return math.inf
+    # Above the profile already, the speed is that of the profile from now on.
+    first = min(speed, brake_speed(gap, deceleration=a, reaction=reaction))
+    return max(steady, 0.0) / speed + (first - last) / a + reaction * math.log(first / last)
 
 
 class TrafficDriver(PathTracker):
@@ -108,14 +152,12 @@ class TrafficDriver(PathTracker):
 
         # Both lines have come nearer by the motion of a period.
         stops, goes = context.get_discrete_state(self._decisions).value() - vx * self.period
-        reaction, deceleration = spec.reaction, self.limits.deceleration
-        line, stops, goes = stop_line(
-            [(lines[3 * k], lines[3 * k + 1], lines[3 * k + 2]) for k in range(LINES)],
-            max(vx, 0.0), stops=stops, goes=goes, deceleration=deceleration, reaction=reaction,
-        )  # fmt: skip
+        braking = Braking(self.limits.deceleration, spec.braking_limit, spec.reaction, spec.line_distance)
+        rows = [(lines[3 * k], lines[3 * k + 1], lines[3 * k + 2]) for k in range(LINES)]
+        line, stops, goes = stop_line(rows, max(vx, 0.0), braking, stops=stops, goes=goes)
         values.set_value(self._decisions, [stops, goes])
         rest = max(line - spec.line_distance, 0.0)
-        return min(result, brake_speed(rest, deceleration=deceleration, reaction=reaction))
+        return min(result, brake_speed(rest, deceleration=braking.deceleration, reaction=spec.reaction))
 
 
 class TrafficDriverSpec(PathTrackingSpec):

@@ -142,6 +142,6 @@ def count_unread(
         if child.tag in read:
             found += count_unread(child, read=read, leaves=leaves, metadata=metadata)
         # An empty element, such as <surface/>, states nothing.
-        elif child.attrib or len(child):
+        elif child.attrib or len(child) or (child.text or "").strip():
             found[child.tag] += 1
     return found

@@ -103,7 +103,8 @@ def make_jersey_barrier() -> Mesh:
             quad = np.array([[sign * (half - chamfer), *p], [sign * (half - chamfer), *s], [sign * half, *t],
                              [sign * half, *q]])  # fmt: skip
             normal = np.cross(quad[1] - quad[0], quad[3] - quad[0])
-            normal *= np.sign(normal @ np.array([sign, 0.0, 0.0]))
+            # Outwards, away from a point in the middle of the barrier; the lowest face is horizontal.
+            normal *= np.sign(normal @ (quad.mean(axis=0) - [0.0, 0.0, 0.4]))
             mesh.add_flat("paint", quad[[[0, 1, 2], [0, 2, 3]]], (normal / np.linalg.norm(normal)).tolist())
         face = Polygon(small)
         slot = shapely.box(-0.035, 0.0, 0.035, 0.70)

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.xml_reader import XmlDocument
+from mirdrake.core.xml_reader import XmlDocument, count_unread
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose, start_on_longest
@@ -30,11 +30,18 @@ _ACTORS = {
 }  # fmt: skip
 _ACTOR = "sedan"  # of all other types
 _HEIGHT = 1.2  # [m] of obstacles of other types
-_KNOWN = {
-    "lanelet", "trafficSign", "trafficLight", "intersection", "staticObstacle", "dynamicObstacle", "obstacle",
-    "planningProblem",
+# Elements that are read; those whose parts are read or reported with them; those that describe the file.
+_READ = {
+    "location", "lanelet", "trafficSign", "trafficSignElement", "trafficLight", "intersection", "incoming",
+    "staticObstacle", "dynamicObstacle", "obstacle",
 }  # fmt: skip
-_WITHOUT_EFFECT = {"location", "scenarioTags"}
+_LEAVES = {
+    "leftBound", "rightBound", "predecessor", "successor", "adjacentLeft", "adjacentRight", "stopLine", "laneletType",
+    "trafficSignRef", "trafficLightRef", "trafficSignID", "additionalValue", "position", "cycle", "incomingLanelet",
+    "successorsLeft", "successorsRight", "successorsStraight", "isLeftOf", "type", "role", "shape", "initialState",
+    "trajectory", "occupancySet", "planningProblem",
+}  # fmt: skip
+_METADATA = {"scenarioTags", "geoNameId", "gpsLatitude", "gpsLongitude", "country", "virtual"}
 
 
 def read_commonroad_world(source: Path, name: str) -> RoadWorld:
@@ -243,9 +250,9 @@ def _discs(position: Element | None, network: Network, document: XmlDocument) ->
 def _report_rest(root: Element, document: XmlDocument, changes: Changes) -> None:
     """Add what a world does not represent: one change for each kind of element."""
     # One row for each kind of element, with their number.
-    for tag in dict.fromkeys(e.tag for e in root if e.tag not in _KNOWN | _WITHOUT_EFFECT):
-        elements = root.findall(tag)
-        changes.add(Code.ELEMENT, document.where(elements[0]), f"<{tag}>", str(len(elements)), None, "no counterpart")
+    for tag, count in count_unread(root, read=_READ, leaves=_LEAVES, metadata=_METADATA).items():
+        first = next(root.iter(tag))
+        changes.add(Code.ELEMENT, document.where(first), f"<{tag}>", str(count), None, "no counterpart")
     uncertain = [e for e in root.iter("initialState") if any(p.tag != "point" for p in e.find("position") or ())]
     if uncertain:
         changes.add(
