@@ -476,7 +476,8 @@ def test_props_on_uneven_ground_are_compared_with_the_ground_below_them() -> Non
     }
     assert found.keys() == expected.keys()
     for place, (kind, depth) in expected.items():
-        assert found[place] == (kind, pytest.approx(depth, abs=0.02))
+        assert found[place][0] == kind
+        assert found[place][1] == pytest.approx(depth, abs=0.02)
 
 
 def test_props_on_supported_props_are_not_floating() -> None:

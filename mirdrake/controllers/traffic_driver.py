@@ -63,7 +63,8 @@ def stop_line(
     """
     needed = stopping_distance(speed, deceleration=braking.deceleration, reaction=braking.reaction)
     least = stopping_distance(speed, deceleration=braking.limit, reaction=0.0)
-    stop, state, passed = math.inf, GREEN, []
+    stop, state = math.inf, float(GREEN)
+    passed: list[float] = []
     # From the farthest line to the nearest one, as a stop behind a line makes its passage later.
     for line, light, left in reversed(lines):
         was_passed = line < goes + _SAME

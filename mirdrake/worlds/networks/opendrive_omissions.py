@@ -79,6 +79,6 @@ def _missing_ends(root: Element, roads: Mapping[str, RoadLanes]) -> Iterator[str
     for junction in root.iterfind("junction"):
         for connection in junction.iterfind("connection"):
             for name in ("incomingRoad", "connectingRoad", "linkedRoad"):
-                key = connection.get(name)
-                if key is not None and key not in roads:
-                    yield f"junction {junction.get('id', '')} to road {key}"
+                end = connection.get(name)
+                if end is not None and end not in roads:
+                    yield f"junction {junction.get('id', '')} to road {end}"
