@@ -37,16 +37,22 @@ def test_a_sideslip_course_and_a_mapping_give_the_car_and_foretell_a_step(tmp_pa
         assert fits["slalom.csv, end", channel] > 90.0
     assert fits["slalom.csv, end", "vy"] > 90.0
     assert fit["steering_ratio"].value == pytest.approx(CAR["ratio"], rel=0.02)
-    # The data check removes the delay of vy, the model has what is left.
-    findings = pd.read_csv(tmp_path / "fit" / "data_check.csv").query(
-        "check == 'delay' and channel.str.startswith('vy')"
-    )
-    assert findings["value"].iloc[0] + fit["velocity_delay"].value == pytest.approx(LATE, abs=0.003)
-    # The centre of mass is 0.22 m ahead of the middle, which is assumed: an axle is known by what it carries.
+    # A delay of vy of 15 ms is not certain beside roll and sensor positions; the interval that is stated contains it.
+    findings = pd.read_csv(tmp_path / "fit" / "data_check.csv").query("channel.str.startswith('vy')")
+    assert "delay" not in set(findings["check"])
+    (limit,) = set(findings["value"][findings["check"] == "delay_limit"])
+    assert LATE < limit < 2.0 * LATE
+    # The centre of mass is 0.22 m ahead of the middle, which is assumed: an axle is known by what it carries. A shape
+    # factor of 1.4 and no curvature are assumed as well, 1.3 and -1 are true: with these two values the stiffness is 4
+    # and 3 % too large, without them 8 and 6 %. The intervals contain both.
     behind = CAR["wheelbase"] - CAR["front"]
     for axle, carries in (("front", behind), ("rear", CAR["front"])):
-        stiffness = fit[f"cornering_stiffness_{axle}"].value / (0.5 * CAR["wheelbase"])
-        assert stiffness == pytest.approx(CAR[f"stiffness_{axle}"] / CAR["mass"] / carries, rel=0.05)
+        found = fit[f"cornering_stiffness_{axle}"]
+        true = CAR[f"stiffness_{axle}"] / CAR["mass"] / carries * 0.5 * CAR["wheelbase"]
+        assert found.value == pytest.approx(true, rel=0.09)
+        assert found.low is not None
+        assert found.high is not None
+        assert found.low < true < found.high
     inertia = fit["yaw_inertia"]
     assert inertia.low is not None
     assert inertia.high is not None
