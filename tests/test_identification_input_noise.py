@@ -1,10 +1,17 @@
 """Noise of recorded inputs: its size, the filter that removes it, and what it does to a fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from mirdrake.identification.data import DataSet
+from mirdrake.identification.estimators import fit, segments
 from mirdrake.identification.input_noise import white_noise, without_noise
+from mirdrake.identification.models import ModelSpec
+from mirdrake.identification.parameters import Setting
+from tests.identification_rigs import FRONT, MASS, REAR, TRUTH, lateral_log
 
 
 @pytest.fixture
@@ -61,3 +68,24 @@ def test_a_ramp_keeps_its_ends(random):
     ramp = np.linspace(0.0, 1.0, 1000)
     clean = without_noise(ramp + 0.001 * random.normal(size=1000), 0.001)
     assert np.max(np.abs(clean - ramp)) < 0.003
+
+
+def test_noise_of_the_steering_does_not_look_like_a_lag(monkeypatch):
+    """5 mrad beside some 25 mrad of steering: a longer lag beside a shorter dead time would filter the noise."""
+    log = lateral_log(channels=("yaw_rate", "lateral_acceleration", "vy"))
+    noise = np.random.default_rng(1).normal(0.0, 0.005, len(log.time))
+    log = replace(log, channels={**log.channels, "road_wheel_angle": log.channels["road_wheel_angle"] + noise})
+    settings = {"mass": Setting(fixed=MASS), "front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR),
+                "steering_lag": Setting(free=True)}  # fmt: skip
+    model = ModelSpec("single_track", {"tyres": "linear", "roll": False})
+
+    def deviations():
+        found = fit(DataSet((log,), wheelbase=FRONT + REAR), model, parameters=settings)
+        return [
+            abs(found[name].value - TRUTH[name]) / (found[name].sigma_noise or 0.0)
+            for name in ("steering_delay", "steering_lag")
+        ]
+
+    assert max(deviations()) < 2.0
+    monkeypatch.setattr(segments, "white_noise", lambda values: 0.0)
+    assert min(deviations()) > 4.0
