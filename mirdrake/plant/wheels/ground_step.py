@@ -14,6 +14,8 @@ from collections.abc import Callable, MutableSequence, Sequence
 from math import atan
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from mirdrake.core.compiled import Records
 from mirdrake.ground.layers import GROUND_PARTS, TerrainData
 from mirdrake.plant.wheels.ground_contact import (
@@ -146,6 +148,7 @@ def ground_step(
     for i in range(len(force)):
         force[i] = 0.0
     base = base_motion(x, wheels[0].wheel.place.base, car.positions, period)
+    gyros = np.zeros(len(wheels))
     for i in range(len(wheels)):
         tyre, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         wheel = tyre.wheel
@@ -157,6 +160,9 @@ def ground_step(
 
         # The contact goes through plain numbers, so that the repeated call of this step has the same one.
         contact = unpack_contact(contacts[i])
+        # The carrier bears -ω × H of the spinning wheel; about the steering axis the steering rate has no part in it.
+        (wx, wy, wz), (ax, ay, az), (ux, uy, uz) = base.turning, contact.axle, contact.up
+        gyros[i] = -contact.spin * ((wy * az - wz * ay) * ux + (wz * ax - wx * az) * uy + (wx * ay - wy * ax) * uz)
         # Velocities are those of the middle of the last step, half a step before the positions. The vertical one, which
         # changes quickly, is extrapolated to them; else the damping of the tyre would depend on the step.
         rate = contact.rate
@@ -256,6 +262,7 @@ def ground_step(
         force,
         joints_after,
         actuation,
+        gyros,
     )
     return known
 

@@ -6,8 +6,12 @@ Drake's contact solver also solves servos, joint damping and joint limits, impli
     (I / dt + w D + d + k dt) Δv = R + F - D v + α D (v0 - v) + k (q* - q - v dt) + d (v* - v)
 
 with the inertia I of the joint, its damping D, the gains k and d of its servo with the set-points q* and v*, the known
-force F (road, motor), and R the force of all other sources: the part of the last change of v that the other terms do
-not explain. The servo has the implicit Euler rule, stable for any gain. Its force is k (q* - q - v dt) + d (v* - v) -
+force F (road, motor, and the gyroscopic moment of a spinning wheel), and R the force of all other sources: the part of
+the last change of v that the other terms do not explain. R is late by a step. A stiff servo of a light joint, I / dt <<
+d, needs it exactly: an error of R changes the velocity by dt / I, which the servo corrects only in the next steps. The
+gyroscopic moment on a steering axis is therefore not in R: it is the one that changes fastest, with the roll rate.
+
+The servo has the implicit Euler rule, stable for any gain. Its force is k (q* - q - v dt) + d (v* - v) -
 (d + k dt) Δv, within its limit.
 
 The velocities v0, v and v + Δv of three steps lie half a step beside the positions, at which forces act. The damper
@@ -45,6 +49,7 @@ class StiffJoint(NamedTuple):
         upper: the same.
         actuator: index among the actuators of the vehicle; negative without one.
         effort_limit: largest torque of the actuator [N m].
+        spin_inertia: of a steering joint, inertia of its wheel about the axle [kg m²].
     """
 
     position: int
@@ -57,6 +62,7 @@ class StiffJoint(NamedTuple):
     upper: float
     actuator: int
     effort_limit: float
+    spin_inertia: float = 0.0
 
 
 class JointMemory(NamedTuple):
@@ -85,6 +91,7 @@ def joint_steps(
     force: MutableSequence[float],
     after: Records,
     actuation: MutableSequence[float],
+    gyros: Sequence[float],
 ) -> None:
     """Solve the joints of a vehicle over one step.
 
@@ -100,6 +107,8 @@ def joint_steps(
         force: generalised forces of the plant, with those of the road; changed.
         after: memories for the next step, overwritten.
         actuation: torques of the actuators with their servos [N m], changed at the joints.
+        gyros: gyroscopic moments about the first of these joints over the spin inertias of their wheels, which the
+            plant applies [1/s²].
     """
     for i in range(first, len(joints)):
         joint, before, kept = joints[i], memories[i], after[i]
@@ -113,6 +122,8 @@ def joint_steps(
             rest = joint.inertia * (v - before.rate) / period - before.force + joint.damping * (before.rate - v)
             damper = curved * joint.damping * (before.rate - v)
         known, mobile = force[joint.velocity] + damper, joint.inertia / period + weight * joint.damping
+        if joint.spin_inertia > 0.0:
+            known += joint.spin_inertia * gyros[i - first]
         if joint.actuator >= 0:
             servo, gain = servo_effort(joint, x, positions, efforts, desired, period, rest + known, mobile)
             torque = servo - gain * (rest + known + servo) / (mobile + gain)

@@ -122,6 +122,9 @@ def make_stiff_joints(plant: MultibodyPlant, part: VehicleInPlant) -> list[Stiff
         for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices(part.instance))
     }
     first = min(actuator.input_start() for actuator in actuators.values())
+    # Without the rotor of a motor, which spins about another axle or is fixed to the body.
+    wheels = [joint.child_body().default_spatial_inertia().CalcRotationalInertia() for joint in part.wheels]
+    spins = {joint.index(): float(wheel.get_moments()[1]) for joint, wheel in zip(part.steering, wheels, strict=False)}
     joints = []
     for joint in (*part.wheels, *part.steering, *part.suspension):
         actuator = actuators.get(joint.index())
@@ -139,6 +142,7 @@ def make_stiff_joints(plant: MultibodyPlant, part: VehicleInPlant) -> list[Stiff
                 float(joint.position_upper_limits()[0]),
                 -1 if actuator is None else actuator.input_start() - first,
                 0.0 if actuator is None else float(actuator.effort_limit()),
+                spins.get(joint.index(), 0.0),
             )
         )
     return joints
