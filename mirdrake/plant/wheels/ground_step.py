@@ -148,7 +148,7 @@ def ground_step(
     for i in range(len(force)):
         force[i] = 0.0
     base = base_motion(x, wheels[0].wheel.place.base, car.positions, period)
-    gyros = np.zeros(len(wheels))
+    gyros: Any = np.zeros(len(wheels))
     for i in range(len(wheels)):
         tyre, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         wheel = tyre.wheel
