@@ -174,7 +174,7 @@ def entry_point(function: Callable[..., Any]) -> Callable[[tuple[Any, ...]], Any
 
 
 def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Callable[..., Any]:
-    """Return a compiled function whose machine code is cached with the version as part of its key."""
+    """Return a compiled function whose machine code is cached by the version."""
     from numba import njit
     from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -194,14 +194,16 @@ def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Calla
             return None
 
     class VersionedCache(FunctionCache):
-        """Cache with the version as part of its key."""
+        """Cache with files of its own for each version.
+
+        Reading an index imports the modules of all types of arguments in it, and all functions around laws have the
+        same name: with one index for them a tyre on its own would load the plant.
+        """
 
         def __init__(self, function: Callable[..., Any]) -> None:
             super().__init__(function)
-            self._cache_file = File(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
-
-        def _index_key(self, *arguments: Any) -> Any:
-            return *super()._index_key(*arguments), version
+            name = f"{self._impl.filename_base}.{version:x}"
+            self._cache_file = File(self._cache_path, name, self._impl.locator.get_source_stamp())
 
     machine_code: Any = njit(nogil=nogil)(function)
     with suppress(RuntimeError):  # no folder is writable
