@@ -168,7 +168,12 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
             continue
         rows_ = slice(first, last)
         # A fit takes its inputs as exact, so their noise is removed from them.
-        clean = {name: without_noise(values[rows_], white_noise(values[rows_])) for name, values in inputs.items()}
+        clean = {name: values[rows_] for name, values in inputs.items()}
+        clean |= {
+            name: without_noise(values, white_noise(values))
+            for name, values in clean.items()
+            if name not in model.exact_inputs
+        }
         for name, values in clean.items():
             removed = float(np.std(values - inputs[name][rows_]))
             if removed > NOTABLE * float(np.std(values)):

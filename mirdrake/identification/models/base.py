@@ -194,6 +194,8 @@ class Model(ABC):
         states: names of the states.
         state_scales: size of a large change of each state, in its unit.
         inputs: channels that drive the equations.
+        exact_inputs: those of them that are not measured while driving, as the height of a known road: their fast part
+            is not noise.
         outputs: channels that are compared.
         max_step: longest step of the integration [s].
         sample_time: sample time up to which logs are averaged [s].
@@ -210,6 +212,7 @@ class Model(ABC):
     states: tuple[str, ...]
     state_scales: tuple[float, ...]
     inputs: tuple[str, ...]
+    exact_inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...]
     max_step: float = 0.0101
     sample_time: float = 0.004

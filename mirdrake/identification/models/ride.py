@@ -68,7 +68,7 @@ class RideModel(EquationModel):
             find_channel(channels, (f"road_height_{axle}",), "the height of the road", self.kind) for axle in AXLES
         )
         self._speed = find_channel(channels, SPEED, "the speed", self.kind)
-        self.inputs = (*self._road, self._speed)
+        self.inputs, self.exact_inputs = (*self._road, self._speed), tuple(self._road)
         possible = [*(f"suspension_travel_{axle}" for axle in AXLES), "vertical_acceleration", "pitch_rate"]
         self.outputs = select_outputs(channels, possible, options.outputs, self.kind)
         self.parameters = _make_parameters(known, wheelbase)
