@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from mirdrake.tuning.loops.base import Conditions, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
@@ -14,6 +15,7 @@ from mirdrake.tuning.loops.speed import WheelSpeedLoop
 from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.spec import make_tuning
 from mirdrake.vehicles.scaffold import new_vehicle
+from mirdrake.vehicles.traction import followed_slope
 
 ROOT = Path(__file__).parents[1]
 
@@ -30,6 +32,12 @@ def robot(folder: Path, drive: str) -> Path:
         "robot", wheelbase=0.7, track=0.5, mass=60.0, wheel_radius=0.12, drive=drive, sensors="none", folder=folder
     )
     (made / "variants" / "torque.yaml").write_text(WHEELS_BY_TORQUE, encoding="utf-8")
+    # Steeper slopes than those of a new vehicle, which no wheel should lose its grip on: 70 % of the grip.
+    file = made / "control.yaml"
+    control = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for name, most in (("max_acceleration", 3.0), ("max_deceleration", 5.0)):
+        control["speed"][name] = min(most, 0.7 / followed_slope(1.0) * control["speed"][name])
+    file.write_text(yaml.safe_dump(control), encoding="utf-8")
     return made
 
 
@@ -58,8 +66,8 @@ def own_slopes_of(vehicle: str, loop: str, *, time_step: float) -> tuple[LoopSpe
         pytest.param("all", "", "speed", 0.9, (2.0, 8.0), (), id="all_wheels"),
         pytest.param("all", "", "speed", 0.4, (), (2.0, 8.0), id="all_wheels_slippery"),
         pytest.param("rear", "", "wheel_speed", 0.9, (1.0, 4.0), (8.0,), id="spin"),
-        pytest.param("all", "@torque", "speed", 0.9, (2.0, 4.0), (), id="all_wheels_brush"),
-        pytest.param("rear", "@torque", "speed", 0.9, (2.0,), (4.0,), id="rear_brush"),
+        pytest.param("all", "@torque", "speed", 0.9, (2.0, 3.0), (), id="all_wheels_brush"),
+        pytest.param("rear", "@torque", "speed", 0.9, (1.0,), (2.0, 4.0), id="rear_brush"),
         pytest.param("front", "@torque", "wheel_speed", 0.9, (1.0,), (8.0,), id="spin_brush"),
     ],
 )
@@ -77,7 +85,7 @@ def test_verdict_and_error_are_those_of_the_plant_with_the_magic_formula(tmp_pat
     bolt = shutil.copytree(ROOT / "models" / "bolt", tmp_path / "bolt")
     (bolt / "variants" / "torque.yaml").write_text(WHEELS_BY_TORQUE.replace("1.0", "200.0"), encoding="utf-8")
     own, inertia = own_slopes_of(f"{bolt}@torque", "speed", time_step=0.0025)
-    _compare(own, inertia, 0.9, (0.25,), (1.0,))
+    _compare(own, inertia, 0.9, (0.15,), (1.0,))
 
 
 def _compare(
