@@ -180,8 +180,8 @@ class Texts:
         return "rejected candidate" if self.keeps_present else "best"
 
     def after_verdict(self) -> list[str]:
-        """Return sentences on why nothing is better: all causes, what to change, and what the baseline fails, too."""
-        if self.result.is_better:
+        """Return sentences on why nothing is accepted: all causes, what to change, and what the baseline fails, too."""
+        if self.result.is_better and self.result.is_accepted:
             return []
         sentences = cause_sentences(self)
         if self.baseline is not None and self.baseline.status == "ok":

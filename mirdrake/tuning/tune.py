@@ -35,7 +35,7 @@ from mirdrake.core.paths import installed_version
 from mirdrake.execution.calls import open_executor
 from mirdrake.execution.worker_server import LOOP, start_server
 from mirdrake.runs.summary import scene_hashes
-from mirdrake.tuning.acceptance import AGAINST_BASELINE, StepEffect, accept
+from mirdrake.tuning.acceptance import StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
 from mirdrake.tuning.designs import Design, OmittedDesign, slower_designs
 from mirdrake.tuning.identify import Identification, identify_loop
@@ -278,8 +278,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         verified=known.verified,
     )
     # Where the baseline remains, it is tested in what its rivals have failed; it has passed the test manoeuvre only.
-    compared_met = all(criterion.met for criterion in criteria if criterion.name in AGAINST_BASELINE)
-    if not winner.trial.feasible or not compared_met:
+    if not winner.trial.feasible or not all(criterion.met for criterion in criteria):
         known = complete_checks(stages, known, designs.baseline, tried[1:])
         known = verify_baseline(stages, known, designs.baseline, tried[1:])
 
