@@ -296,6 +296,26 @@ def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path
     assert light.offset == pytest.approx(4.0)
 
 
+def test_commonroad_planning_problems_are_tests(tmp_path: Path) -> None:
+    goal = '<lanelet ref="2"/></position>'
+    timed = COMMONROAD.replace(
+        goal, f"{goal}<time><intervalStart>10</intervalStart><intervalEnd>150</intervalEnd></time>"
+    )
+    _, world = imported(tmp_path, "timed.xml", timed)
+    (test,) = world.spec.tests
+    assert (test.name, test.start, test.goal) == ("p40", "p40", "p40")
+    assert test.duration == pytest.approx(15.0)
+    # The route begins on lane 1 and ends on lane 2, whose middle at 125 m is the goal.
+    track = world.tracks["p40_route"]
+    s, offset = track.project(np.array([5.0, 125.0]), np.array([2.0, 2.0]))
+    np.testing.assert_allclose(offset, 0.0, atol=0.01)
+    assert track.length > s[1] + 15.0
+    # Lane 4 is opposite, and no lane leads to it.
+    result, world = imported(tmp_path, "apart.xml", COMMONROAD.replace(goal, '<lanelet ref="4"/></position>'))
+    assert not world.spec.tests
+    assert lost(result) == ["test of p40: "]
+
+
 def test_commonroad_lights_without_a_line_of_their_own_are_left_out(tmp_path: Path) -> None:
     light = COMMONROAD[COMMONROAD.index("<trafficLight ") : COMMONROAD.index("<staticObstacle")]
     second = light.replace('id="8"', 'id="9"') + light.replace('id="8"', 'id="10"')

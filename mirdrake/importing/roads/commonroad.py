@@ -14,14 +14,22 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.core.xml_reader import XmlDocument, count_unread
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Changes, Code
-from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose, start_on_longest
+from mirdrake.importing.roads.road_world import (
+    RoadWorld,
+    note_changes,
+    number,
+    pose,
+    start_on_longest,
+    station,
+)
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.commonroad import number_at, parse_commonroad, points_of, read_commonroad
 from mirdrake.worlds.networks.network import signal_name
+from mirdrake.worlds.networks.routes import Place, find_route
 
 _HEIGHTS = {"car": 1.5, "parkedVehicle": 1.5, "truck": 3.0, "bus": 3.0, "pedestrian": 1.75, "building": 6.0}
 _ACTORS = {
@@ -30,6 +38,8 @@ _ACTORS = {
 }  # fmt: skip
 _ACTOR = "sedan"  # of all other types
 _HEIGHT = 1.2  # [m] of obstacles of other types
+_BEHIND, _BEYOND = 10.0, 20.0  # [m] of a route before the start and behind the middle of the goal
+_DURATION = 30.0  # [s] of a test without a time of its goal
 # Elements that are read; those whose parts are read or reported with them; those that describe the file.
 _READ = {
     "location", "lanelet", "trafficSign", "trafficSignElement", "trafficLight", "intersection", "incoming",
@@ -78,10 +88,11 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
             actors.append(f"  - {{actor: {_ACTORS.get(_type(element), _ACTOR)}, name: o{key}, recorded: {motion}}}")
     if actors:
         old = ", ".join(f"{count} × {kind}" for kind, count in sorted(Counter(map(_type, recorded)).items()))
-        why = "they replay recorded/*.csv, without regard to vehicles, with the sizes of the props"
+        why = "they replay recorded/*.csv, at rest before and after it, without regard to vehicles, with sizes of props"
         made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "actors", why)
 
     starts, goals = _problems(root, network, document, made.changes)
+    tests, tracks = _tests(root, network, step, document, made)
     _report_rest(root, document, made.changes)
     lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
     # The programme of a light is the only part of `signals` that CommonRoad states; stop lines come from lanelets.
@@ -94,11 +105,13 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     )
     if lights := list(programmes):
         lines += ["", "signals:", *lights]
+    lines += ["", "tracks:", *tracks] if tracks else []
     lines += ["", "start:"]
     lines += [f"  {key}: {{{value}}}" for key, value in (starts or {"road": start_on_longest(network)}).items()]
     lines += ["", "goals:", *(f"  {key}: {{{value}}}" for key, value in goals.items())] if goals else []
     lines += ["", "props:", *props] if props else []
     lines += ["", "actors:", *actors] if actors else []
+    lines += ["", "tests:", *tests] if tests else []
     # Obstacles of a scenario may overlap, which a world rejects without a rule.
     lines += ["", "rules:", '  - {allow_overlap: ["*", "*"]}'] if len(props) > 1 else []
     made.text, made.files = "\n".join(lines) + "\n", files
@@ -229,6 +242,59 @@ def _problems(
             why = "goals are discs; times, speeds and headings of goals belong to tests"
             changes.add(Code.START, document.where(goal), f"goal {label}", changed_part, f"disc of {radius:.3g} m", why)
     return starts, goals
+
+
+def _tests(
+    root: Element, network: Network, step: float, document: XmlDocument, made: RoadWorld
+) -> tuple[list[str], list[str]]:
+    """Return tests of the planning problems whose goals can be reached on lanes, and the tracks of their drivers.
+
+    The driver follows the shortest route to the first goal, with regard to others and to lights. The test ends when the
+    time of the goal does.
+    """
+    tests: list[str] = []
+    tracks: list[str] = []
+    for problem in root.iterfind("planningProblem"):
+        key, state, goal = f"p{problem.get('id', '')}", problem.find("initialState"), problem.find("goalState")
+        places = points_of(None if state is None else state.find("position"), document)
+        disc = None if goal is None else next(_discs(goal.find("position"), network, document), None)
+        if state is None or goal is None or disc is None or not len(places):
+            continue
+        # The driver has to pass the middle of the goal, and the track begins behind the vehicle.
+        first, last = (network.locate(float(x), float(y)) for x, y in (places[0], disc[:2]))
+        ends = [
+            (lane.id, min(max(s + more, 0.0), lane.length))
+            for (lane, s, _), more in ((first, -_BEHIND), (last, _BEYOND))
+        ]
+        is_on_lanes = all(abs(offset) < float(lane.width_at(s)) / 2.0 for lane, s, offset in (first, last))
+        if not is_on_lanes or not _leads_to(network, *ends):
+            why = "no lanes for motor vehicles lead from its start to its goal"
+            made.changes.add(Code.START, document.where(problem), f"test of {key}", "", None, why)
+            continue
+        begin, end = (f"{lane}@{station(s)}" for lane, s in ends)
+        tracks.append(f"  {key}_route: {{route: {{from: {begin}, to: {end}}}}}")
+        speed = max(number_at(state, "velocity", document, 0.0), first[0].speed_limit or 0.0, 1.0)
+        # An interval of time has its end as the latest one.
+        latest = goal.findtext("time/intervalEnd") or goal.findtext("time/exact")
+        duration = float(latest or 0.0) * step or _DURATION
+        tests += [
+            f"  - name: {key}",
+            f"    start: {key}",
+            f"    goal: {key}",
+            f"    behaviour: {{kind: traffic, track: {key}_route, speed: {number(speed)}}}",
+            f"    duration: {number(min(max(duration, 1.0), 600.0))} s",
+            "    expect: [never collision, eventually at goal]",
+        ]
+    return tests, tracks
+
+
+def _leads_to(network: Network, start: Place, goal: Place) -> bool:
+    """Return whether lanes lead from one place to another."""
+    try:
+        find_route(network, start, goal)
+    except WorldError:
+        return False
+    return True
 
 
 def _discs(position: Element | None, network: Network, document: XmlDocument) -> Iterator[tuple[float, float, float]]:
