@@ -21,7 +21,7 @@ from mirdrake.worlds import World, load_world
 from mirdrake.worlds.networks.opendrive_network import read_network
 from mirdrake.worlds.recorded import recorded_rows
 from mirdrake.worlds.scenery import scenery
-from tests.opendrive_maps import crossing, document, geometry, grid, lane, road, section, signal
+from tests.opendrive_maps import crossing, document, geometry, grid, lane, linked, road, section, signal
 from tests.timing import reference_seconds
 
 
@@ -117,6 +117,17 @@ def test_each_element_of_a_map_that_is_not_read_has_a_line(tmp_path: Path) -> No
         "elements <surface>: 1",
         "elements <station>: 1",
     ]
+
+
+def test_a_chain_of_1000_roads_without_links_of_lanes_is_read_within_seconds(tmp_path: Path) -> None:
+    def links(i: int) -> str:
+        return linked(f"road {i - 1} end" if i else "", f"road {i + 1} start" if i < 999 else "")
+
+    source = tmp_path / "chain.xodr"
+    source.write_text(document(*(road(str(i), geometry(20.0 * i, 0, 0, 20.0), links=links(i)) for i in range(1000))))
+    lanes = read_network(source).lanes
+    assert sum(len(lane.successors) for lane in lanes.values()) == 2 * 999
+    assert reference_seconds(lambda: read_network(source), times=1) < 5.0
 
 
 def gpx(places: np.ndarray, heights: np.ndarray | None = None) -> str:

@@ -200,14 +200,14 @@ def _signals(
 ) -> Iterator[Signal]:
     """Yield lights and signs; those without a position are at the end of the first lane that they control."""
     for tag in ("trafficLight", "trafficSign"):
+        # Lanes refer to their signals, not the other way round.
+        lanes_of: dict[str, dict[str, None]] = {}
+        for key, lanelet in elements.items():
+            for reference in lanelet.iterfind(f"{tag}Ref"):
+                lanes_of.setdefault(reference.get("ref", ""), {})[key] = None
         for element in root.iterfind(tag):
-            # Lanes refer to their signals, not the other way round.
             name = element.get("id", "")
-            controlled = tuple(
-                key
-                for key, lanelet in elements.items()
-                if any(r.get("ref") == name for r in lanelet.iterfind(f"{tag}Ref"))
-            )
+            controlled = tuple(lanes_of.get(name, ()))
             codes = [part.findtext("trafficSignID") or "" for part in element.iterfind("trafficSignElement")]
             kind: Control = (
                 "lights" if tag == "trafficLight" else next((_SIGNS[c] for c in codes if c in _SIGNS), "none")

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 from xml.etree.ElementTree import Element
 
+import scipy  # it imports its parts when they are first used
+
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.networks.opendrive_road import RoadLanes
 
@@ -151,13 +153,16 @@ def _add_by_geometry(roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], 
     # A stated link is never contradicted by the geometry.
     ends = [lane for lane in lanes.values() if lane.kind == "driving" and not following[lane.id]]
     starts = [lane for lane in lanes.values() if lane.kind == "driving" and lane.id not in preceded]
+    if not ends or not starts:
+        return 0
+    # Only pairs that are close: all pairs of a map without links would be too many.
+    begins = scipy.spatial.cKDTree([(lane.x[0], lane.y[0]) for lane in starts])
+    near = begins.query_ball_point([(lane.x[-1], lane.y[-1]) for lane in ends], _CLOSE[0], return_sorted=True)
     added = 0
-    for end in ends:
-        for start in starts:
-            if end is start or not _are_linked(roads, end, start):
-                continue
+    for end, indices in zip(ends, near, strict=True):
+        for start in (starts[index] for index in indices):
             gap, turn = miss(end, start)
-            if gap < _CLOSE[0] and turn < _CLOSE[1]:
+            if end is not start and gap < _CLOSE[0] and turn < _CLOSE[1] and _are_linked(roads, end, start):
                 following[end.id].append(start.id)
                 added += 1
     return added
