@@ -123,7 +123,7 @@ def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
     assert np.abs(border).max() < 1e-9
 
 
-def test_a_triangle_without_area_is_not_divided_for_ever() -> None:
+def test_a_triangle_without_area_is_not_divided_again_and_again() -> None:
     """Three corners on a line at 0, 1.6 and 4 m, over waves of 1 m.
 
     The line from 0 to 4 m has no error at its quarters, where it is compared with the terrain, but its parts have.

@@ -120,7 +120,7 @@ def _is_thin(corners: Array) -> NDArray[np.bool_]:
     """Return which triangles (N, 3, 3) have a height below the tolerance.
 
     They are as near to the terrain as their edges. Divided, the parts of a triangle without area could keep its longest
-    edge for ever, since the terrain can differ from a part of an edge, but not from the whole edge.
+    edge in every round, since the terrain can differ from a part of an edge, but not from the whole edge.
     """
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
