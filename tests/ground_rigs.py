@@ -1,6 +1,7 @@
 """Drives on uneven ground, and the energy of a vehicle on its tyres."""
 
 from collections.abc import Mapping, Sequence
+from math import sin
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +165,9 @@ class TyreEnergy:
                 power -= (load - rubber) * 0.5 * (early.rate + late.rate)
                 power += fx * 0.5 * (early.vx - early.spin * early.rolling + late.vx - late.spin * late.rolling)
                 power += fy * 0.5 * (early.vy + late.vy)
-                power += mz * 0.5 * (early.turn + late.turn)
+                # About the normal the wheel turns with its carrier and, inclined, with a part of its spin.
+                turns = [contact.turn + contact.spin * sin(contact.inclination) for contact in (early, late)]
+                power += mz * 0.5 * sum(turns)
                 power -= self._brake * 0.5 * abs(early.spin + late.spin)
                 force += fx * np.array(early.ahead) + fy * np.array(early.left)
                 force += load * np.array(early.normal)

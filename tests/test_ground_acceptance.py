@@ -223,7 +223,7 @@ def test_a_car_over_sines_has_the_responses_of_the_linear_car(
     ids=["brake", "steer"],
 )
 def test_brake_and_steer_on_a_plate_as_on_the_plane(tmp_path: Path, rows: list[tuple[float, float, float]]) -> None:
-    """A plate of 20 mm: loads and forces within 1 % of their largest value.
+    """A plate of 20 mm: loads and lateral forces within 0.2 % of their largest value, longitudinal ones within 1 %.
 
     The speed that the edge takes from the car is regained before the manoeuvre begins.
     """
@@ -233,10 +233,11 @@ def test_brake_and_steer_on_a_plate_as_on_the_plane(tmp_path: Path, rows: list[t
         for props in ([], [plate])
     )
     late = plane.index > 2.5
-    assert (raised["ego.z"] - plane["ego.z"])[late].mean() == pytest.approx(0.02, abs=5e-4)
-    for names in (WHEEL_LOADS, TYRE_FX, TYRE_FY):
+    assert (raised["ego.z"] - plane["ego.z"])[late].mean() == pytest.approx(0.02, abs=1e-5)
+    # In the turn the longitudinal forces are below 100 N, and the speeds differ by a few mm/s.
+    for names, limit in ((WHEEL_LOADS, 0.002), (TYRE_FX, 0.01), (TYRE_FY, 0.002)):
         largest = max(plane[names].abs().to_numpy().max(), 100.0)
-        assert (raised[names] - plane[names])[late].abs().to_numpy().max() < 0.01 * largest
+        assert (raised[names] - plane[names])[late].abs().to_numpy().max() < limit * largest
 
 
 BRAKE = 300.0  # torque of each brake [N m]: 0.23 g
