@@ -279,7 +279,16 @@ def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], 
     data = log.FindLog(simulator.get_context()).data()
     q = data[part.base.floating_positions_start() :][:7]
     v = data[plant.num_positions() + part.base.floating_velocities_start_in_v() :][:6]
-    return _trace_of_body(q, v, point)
+    # Positions lead velocities by half a step: the attitude is turned back to the time of the velocities.
+    w, i, j, k = q[:4]
+    (x, y, z), turn = v[:3], 0.5 * parts.lead
+    attitude = [
+        w + turn * (x * i + y * j + z * k),
+        i - turn * (x * w + y * k - z * j),
+        j - turn * (y * w + z * i - x * k),
+        k - turn * (z * w + x * j - y * i),
+    ]
+    return _trace_of_body(np.vstack([attitude, q[4:]]), v, point)
 
 
 def _trace_of_body(q: Array, v: Array, point: tuple[float, float]) -> Trace:

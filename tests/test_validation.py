@@ -267,5 +267,5 @@ def test_every_figure_of_the_bolt_is_within_3_percent(contact):
     name = driven_name("bolt", published)
     settings = {"plant": {"contact": contact}}
     results = validate_vehicle(name, load_vehicle(name), published, ValidationSettings.model_validate(settings))
-    assert sum(results.count(role)[1] for role in ROLES) == 13
+    assert sum(results.count(role)[1] for role in ROLES) == 15
     assert results.exit_code == 0, "\n".join(describe_validation(results))
