@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter1d
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim, lti
 
 import mirdrake as mir
 from mirdrake.identification import Log
@@ -14,6 +14,7 @@ from mirdrake.identification.channels import channel
 from mirdrake.identification.column_names import channels_of_run
 from mirdrake.identification.plausibility import check_relations
 from mirdrake.identification.samples import check_glitches, find_glitches
+from mirdrake.identification.timing import check_first_rows
 from mirdrake.vehicles.scaffold import new_vehicle
 from tests.marks import mostly_slow
 
@@ -134,3 +135,67 @@ def test_a_zero_before_the_first_measurement_is_no_fault(first: float) -> None:
         assert (finding.check, finding.severity) == ("glitches", "fault")
     assert log.channels["tyre_force_z_front_left"][0] == load[1]
     np.testing.assert_array_equal(log.channels["tyre_force_z_front_left"][1:], load[1:])
+
+
+def launch(seed):
+    """Return time, channels of a launch from rest and a long steady drive, and the first row of the steady drive.
+
+    The speed follows a ramp of the set-point directly or as a second-order lag; with a stop on the way in some cases.
+    """
+    random = np.random.default_rng(seed)
+    step, fine = 1.0 / random.choice([25.0, 50.0, 100.0]), 8
+    time: Any = np.arange(0.0, random.uniform(40.0, 120.0), step / fine)
+    speed, acceleration = random.uniform(0.5, 15.0), random.uniform(1.0, 4.0)
+    begin = random.choice([0.0, random.uniform(0.1, 2.0)])
+    vx: Any = np.clip(acceleration * (time - begin), 0.0, speed)
+    if seed % 3 == 0:
+        vx -= np.clip(speed - acceleration * np.abs(time - 0.6 * time[-1]), 0.0, speed)
+    if seed % 2:
+        natural = random.uniform(3.0, 12.0)
+        vx = lsim(lti([natural**2], [1.0, 1.4 * natural, natural**2]), vx, time)[1]
+    pitch_mode, damping = 2.0 * np.pi * random.uniform(1.0, 4.0), random.uniform(0.1, 0.4)
+    rise: Any = np.gradient(vx, time)
+    pitch_rate = lsim(lti([0.01 * pitch_mode**2, 0.0], [1.0, 2.0 * damping * pitch_mode, pitch_mode**2]), rise, time)[1]
+    channels = {"vx": vx, "wheel_rate_front_left": vx / 0.12, "yaw_rate": 0.2 * vx, "pitch_rate": pitch_rate}
+    channels |= {"longitudinal_acceleration": rise, "tyre_force_x_front_left": 200.0 * rise}
+    noise = random.choice([0.0, 1e-4, 1e-3])
+    sampled = {
+        name: values[::fine] + noise * np.ptp(values) * random.normal(size=len(values[::fine]))
+        for name, values in channels.items()
+    }
+    return time[::fine], sampled, int((begin + 2.0 * speed / acceleration + 4.0) / step)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_launch_and_a_stop_in_a_long_steady_drive_are_no_glitches(seed):
+    time, channels, _ = launch(seed)
+    assert {name: int(find_glitches(values, np.inf).sum()) for name, values in channels.items()} == dict.fromkeys(
+        channels, 0
+    )
+    _, findings = check_first_rows(Log("launch", "train", time, channels), repair=True)
+    assert findings == []
+
+
+@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("length", [1, 3, 15])
+def test_faults_in_a_steady_drive_after_a_launch_are_found_in_continuous_channels(seed, length):
+    """Up to four samples with an offset, or any number that repeat a code."""
+    time, channels, steady = launch(seed)
+    random = np.random.default_rng(seed)
+    row = int(random.integers(steady, int(0.5 * len(time))))
+    rows = row + np.arange(length)
+    for name in ("vx", "wheel_rate_front_left", "yaw_rate"):
+        values = channels[name].copy()
+        size = random.choice([-1.0, 1.0]) * random.uniform(30.0, 300.0) * np.ptp(values)
+        values[rows] = size if length > 4 else values[rows] + size
+        assert np.flatnonzero(find_glitches(values, np.inf)).tolist() == rows.tolist(), name
+
+
+def test_a_robot_at_rest_in_the_first_row_is_measured():
+    """The pitch rate of a robot that stands in the first row and is at a steady 1.5 m/s for most of the log."""
+    time = 0.02 * np.arange(3000.0)
+    rate = np.full(3000, -0.0002) + 1e-6 * np.sin(np.arange(3000.0))
+    rate[:40] = [0.0, -0.00038, -0.00027, -0.0549, -0.0448, -0.0105, 0.0094, *(0.02 * 0.9 ** np.arange(33.0))]
+    vx = 1.5 * np.clip(time / 1.0, 0.0, 1.0) + 1e-5 * np.sin(time)
+    _, findings = check_first_rows(Log("eight", "train", time, {"pitch_rate": rate, "vx": vx}), repair=True)
+    assert findings == []

@@ -25,7 +25,7 @@ from mirdrake.report.map_labels import Labels
 from mirdrake.report.map_sheet import Sheet, text_length
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
-from mirdrake.report.vehicle_charts import VehicleSignals, _plan_loads
+from mirdrake.report.vehicle_charts import VehicleSignals, _plan_loads, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_significant, format_time, title_case
 from mirdrake.runs.logs import Event, Run
 from mirdrake.vehicles import load_vehicle
@@ -167,8 +167,18 @@ def test_the_headline_states_the_result(lap_page):
     headline = "".join(re.findall("<h1>(.*)</h1>", lap_page)).replace("\u00a0", " ")
     assert (
         headline
-        == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, mean speed error 0.11 %"
+        == "The Bolt drove 1.03 laps of test_track in 200 s; largest lateral error 0.13 m, mean speed error on "
+        "straights 0.11 %"
     )
+
+
+def test_the_speed_is_compared_with_the_set_point_that_the_control_follows(tmp_path):
+    """A block between driver and control halves the command, and the vehicle follows it exactly."""
+    run = short_run(tmp_path)
+    speed = run.signals["ego.vx"]
+    table = run.signals.assign(**{"ego.vy": 0.0, "ego.speed_setpoint": speed, "ego.speed_command": 2.0 * speed})
+    charts = {chart.slug: chart for chart in make_charts(VehicleSignals(table, "ego"), "")}
+    assert "half of the time within 0.0001 m/s of the set-point" in charts["speed"].caption.replace("\u00a0", " ")
 
 
 def test_a_drive_of_a_few_metres_is_stated_in_metres(tmp_path):

@@ -202,6 +202,7 @@ def test_a_default_folder_is_named_after_the_diagram_and_never_taken_twice(tmp_p
     assert first.name.startswith("demo-")
     assert first.name.endswith("Z")
     assert not second.exists()
+    assert default_folder("Two-track car, $HOME/a", base=tmp_path).name.startswith("Two-track_car_HOME_a-")
 
 
 def test_an_unknown_signal_is_an_error_with_suggestions() -> None:

@@ -392,6 +392,12 @@ def test_the_readme_lists_every_number_with_its_origin(folders: dict[str, Path])
     assert ("steering limit of the inner wheel", "0.6108652382", "rad", "given: 35 deg") in rows
 
 
+def test_a_number_for_both_axles_is_given_once() -> None:
+    plan = plan_vehicle(wheelbase=0.7, track=0.55, mass=60.0, wheel_radius=0.13)
+    assert plan.given_count() == 4
+    assert plan_vehicle(wheelbase=0.7, track=0.55, track_rear=0.6, mass=60.0, wheel_radius=0.13).given_count() == 5
+
+
 def test_the_argument_drive_moves_the_driven_axle(folders: dict[str, Path]) -> None:
     assert load_vehicle(str(folders["medium"]), arguments={"drive": "all"}).spec.driven_wheels() == (
         "front_left", "front_right", "rear_left", "rear_right",

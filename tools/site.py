@@ -9,6 +9,7 @@ import importlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -138,9 +139,16 @@ def main() -> int:
         command += ["--define", "nb_execution_mode=off"]
     # Else autodoc executes Drake's type stubs in place of its modules.
     environment = {**os.environ, "SPHINX_AUTODOC_IGNORE_NATIVE_MODULE_TYPE_STUBS": "1"}
-    return subprocess.run(
-        [*command, str(STAGE), str(options.folder)], env=environment, cwd=ROOT, check=False
-    ).returncode
+    # Sphinx reports an interrupt as a crash. In a session of its own it does not get that of the terminal.
+    with subprocess.Popen(
+        [*command, str(STAGE), str(options.folder)], env=environment, cwd=ROOT, start_new_session=True
+    ) as build:
+        try:
+            return build.wait()
+        except KeyboardInterrupt:
+            os.killpg(build.pid, signal.SIGKILL)
+            print("interrupted: the site is not complete", file=sys.stderr)
+            return 130
 
 
 def _menu(options: str, entries: Iterable[str]) -> str:

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections import Counter
 
 from mirdrake.cli.common import add_param, add_set, world_overrides
 from mirdrake.core.wording import plural
@@ -45,6 +46,10 @@ def run(options: argparse.Namespace) -> int:
         for track in result.world.tracks.values():
             for note in track.notes:
                 print(f"  {note}")
+        draws = Counter((path.vehicle, path.start, path.goal) for path in result.paths)
+        seen: Counter[tuple[str, str, str]] = Counter()
         for path in result.paths:
-            print(f"  {path.vehicle} has a path of {path.length:.1f} m from '{path.start}' to '{path.goal}'")
+            seen[key := (path.vehicle, path.start, path.goal)] += 1
+            draw = f" (draw {seen[key]} of {draws[key]} of the world)" if draws[key] > 1 else ""
+            print(f"  {path.vehicle} has a path of {path.length:.1f} m from '{path.start}' to '{path.goal}'{draw}")
     return code

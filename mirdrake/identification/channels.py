@@ -19,12 +19,14 @@ class Channel(NamedTuple):
         meaning: what it measures, and its positive direction.
         limit: magnitude that no road vehicle or robot reaches [unit].
         moves: whether it is a measured motion that changes from sample to sample; pedals and codes may be constant.
+        jumps: whether it may change by any amount within a sample, as forces do; speeds and positions do not.
     """
 
     unit: str
     meaning: str
     limit: float
     moves: bool = True
+    jumps: bool = False
 
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -35,10 +37,10 @@ CHANNELS: dict[str, Channel] = {
     "vx": Channel("m/s", "velocity forward", 150.0),
     "vy": Channel("m/s", "velocity to the left", 60.0),
     "yaw_rate": Channel("rad/s", "to the left", 30.0),
-    "roll_rate": Channel("rad/s", "to the right", 30.0),
-    "pitch_rate": Channel("rad/s", "nose down", 30.0),
-    "longitudinal_acceleration": Channel("m/s^2", "forward", 200.0),
-    "lateral_acceleration": Channel("m/s^2", "to the left", 200.0),
+    "roll_rate": Channel("rad/s", "to the right", 30.0, jumps=True),
+    "pitch_rate": Channel("rad/s", "nose down", 30.0, jumps=True),
+    "longitudinal_acceleration": Channel("m/s^2", "forward", 200.0, jumps=True),
+    "lateral_acceleration": Channel("m/s^2", "to the left", 200.0, jumps=True),
     "vertical_acceleration": Channel("m/s^2", "up", 500.0),
     "yaw": Channel("rad", "to the left", 1e4),
     "roll": Channel("rad", "to the right", 4.0),
@@ -52,15 +54,15 @@ CHANNELS: dict[str, Channel] = {
     "road_wheel_angle": Channel("rad", "angle of the front wheels, to the left", 4.0),
     "road_wheel_angle_left": Channel("rad", "angle of the left front wheel, to the left", 4.0),
     "road_wheel_angle_right": Channel("rad", "angle of the right front wheel, to the left", 4.0),
-    "steering_command": Channel("1", "set-point in any unit, to the left", 1e6),
-    "steering_torque": Channel("N m", "at the hand wheel, to the left", 1e4),
+    "steering_command": Channel("1", "set-point in any unit, to the left", 1e6, jumps=True),
+    "steering_torque": Channel("N m", "at the hand wheel, to the left", 1e4, jumps=True),
     "speed_command": Channel("m/s", "set-point of the speed", 150.0, moves=False),
     "throttle": Channel("1", "pedal, 0 to 1", 10.0, moves=False),
     "brake": Channel("1", "pedal, 0 to 1", 10.0, moves=False),
     "gear": Channel("1", "code of the gear", 100.0, moves=False),
     "engine_speed": Channel("rad/s", "of the engine or motor", 1e4),
-    "drive_torque": Channel("N m", "at the wheels, forward", 1e6),
-    "brake_torque": Channel("N m", "at the wheels, as logged", 1e6),
+    "drive_torque": Channel("N m", "at the wheels, forward", 1e6, jumps=True),
+    "brake_torque": Channel("N m", "at the wheels, as logged", 1e6, jumps=True),
     "grade": Channel("rad", "of the road, upward", 1.6),
     "bank": Channel("rad", "of the road, the left side up", 1.6),
     **{f"wheel_speed_{wheel}": Channel("m/s", "of the wheel's rim, forward", 300.0) for wheel in WHEELS},
@@ -71,8 +73,14 @@ CHANNELS: dict[str, Channel] = {
         f"suspension_travel_{axle}": Channel("m", f"mean of the {axle} wheels, positive in bump", 2.0) for axle in AXLES
     },
     **{f"road_height_{axle}": Channel("m", f"of the road, mean of the {axle} wheels", 1e4) for axle in AXLES},
-    **{f"tyre_force_x_{wheel}": Channel("N", "on the tyre along the wheel, forward", 1e6) for wheel in WHEELS},
-    **{f"tyre_force_y_{wheel}": Channel("N", "on the tyre across the wheel, to the left", 1e6) for wheel in WHEELS},
+    **{
+        f"tyre_force_x_{wheel}": Channel("N", "on the tyre along the wheel, forward", 1e6, jumps=True)
+        for wheel in WHEELS
+    },
+    **{
+        f"tyre_force_y_{wheel}": Channel("N", "on the tyre across the wheel, to the left", 1e6, jumps=True)
+        for wheel in WHEELS
+    },
     **{f"tyre_force_z_{wheel}": Channel("N", "on the tyre, up", 1e6) for wheel in WHEELS},
 }
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
 from mirdrake.core.json_io import Json, finite_or_none, parse_json, plain_data
+from mirdrake.core.wording import plural
 from mirdrake.readers.units import format_unit
 
 Array = NDArray[np.float64]
@@ -154,9 +155,8 @@ class Fit:
         rows: list[tuple[str, ...]] = [(
             "parameter", "value", "95 % interval", "± noise", "± model", "unit", "given", "verdict"
         )]  # fmt: skip
-        # A fixed parameter has no interval, but its value belongs to the result.
-        for parameter in self.parameters:
-            span = "" if parameter.kind == "fixed" else f"{_number(parameter.low)} … {_number(parameter.high)}"
+        for parameter in self.free:
+            span = f"{_number(parameter.low)} … {_number(parameter.high)}"
             parts = [half_width(sigma) for sigma in (parameter.sigma_noise, parameter.sigma_model)]
             rows.append(
                 (
@@ -170,6 +170,13 @@ class Fit:
                 )
             )
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
+        # A fixed parameter has no interval, but its value belongs to the result.
+        fixed = [parameter for parameter in self.parameters if parameter.kind == "fixed"]
+        if fixed:
+            values = (
+                f"{item.name} {_number(item.value)} {format_unit(item.unit)}".removesuffix(" 1") for item in fixed
+            )
+            lines += [f"{plural(len(fixed), 'fixed parameter')}: {', '.join(values)}", ""]
         lines += [
             f"{parameter.name}: {parameter.explanation}"
             for parameter in self.parameters

@@ -122,9 +122,11 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     floor = np.maximum(floor, 12.0 * rough)
     # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
     ends = np.append(rows[1:], len(values))
-    odd = (away > floor) | _far_out(series, steps)
-    odd &= ~_begin_motion(series, odd)
-    odd |= np.abs(series) > limit
+    out, jumped, codes = _far_out(series, steps)
+    odd = (away > floor) | jumped
+    # All of a vibration far out is one motion, of which the test below needs the first sample.
+    odd &= ~_begin_motion(series, odd | out, odd)
+    odd |= codes | (np.abs(series) > limit)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
     # Rows that hold the value of a glitch belong to it.
@@ -150,7 +152,7 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     return rows, np.isin(rows, first)
 
 
-def _begin_motion(values: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _begin_motion(values: Array, odd: NDArray[np.bool_], asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which odd samples begin a motion (n): the samples behind them continue it.
 
     A glitch is an additive outlier of an autoregressive process, which changes single samples. A kick of the vehicle is
@@ -158,9 +160,15 @@ def _begin_motion(values: Array, odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
     1972; I. Chang, G. C. Tiao and C. Chen, Technometrics 30, 1988). Both have a free number for each odd sample, so
     their sums of squares are compared directly. If neither explains more, as in white noise, they are glitches. A
     glitch within a few samples of a kick is taken for a part of it.
+
+    Args:
+        values: samples (n).
+        odd: which are far from their neighbours or from the rest (n).
+        asked: which of the odd ones may be glitches (n); groups without one are omitted.
     """
     begin, rows = np.zeros(len(values), dtype=bool), np.flatnonzero(odd)
     groups = np.split(rows, np.flatnonzero(np.diff(rows) > ORDER) + 1) if len(rows) else []
+    groups = [group for group in groups if asked[group].any()]
     for group in groups:
         start, end = max(group[0] - NEIGHBOURHOOD, 0), group[-1] + 1 + NEIGHBOURHOOD
         # Before the log the channel is taken to be constant.
@@ -210,22 +218,33 @@ def _sum_of_squares(
     return float(residual @ residual) + len(rows) * ROUNDING**2
 
 
-def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
-    """Return stretches of any length that are many ranges of the rest away, entered and left by a jump."""
+def _far_out(series: Array, steps: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which samples are many ranges of the rest away (n), and two kinds of faults among them.
+
+    The faults are up to four samples in a row that are entered and left by a jump (n), and codes for missing data (n),
+    which repeat one value any number of times. Other stretches are motions: a launch or a stop in a long steady drive
+    is as far away, and an acceleration begins and ends by a jump as well.
+    """
     # The range without extremes, as these are what is looked for.
     low, high = np.percentile(series, (2.0, 98.0))
     reach = 20.0 * (high - low)
     out = (series < low - reach) | (series > high + reach)
-    if reach == 0.0 or not out.any() or out.mean() > 0.02:
-        return np.zeros(len(series), dtype=bool)
+    jumped, codes = np.zeros(len(series), dtype=bool), np.zeros(len(series), dtype=bool)
+    if reach == 0.0 or not out.any():
+        return out & False, jumped, codes
     starts = np.flatnonzero(out & ~np.append(False, out[:-1]))
     ends = np.flatnonzero(out & ~np.append(out[1:], False)) + 1
     for start, end in zip(starts, ends, strict=True):
-        # A real motion leaves the range gradually; a fault value jumps there and back.
-        came = start == 0 or steps[start] > 0.5 * reach
-        went = end == len(series) or steps[end] > 0.5 * reach
-        out[start:end] = came and went
-    return np.asarray(out)
+        # A motion covers the distance in many steps; a fault value jumps there and back.
+        jump = 0.5 * float(np.abs(series[start:end] - np.clip(series[start:end], low, high)).max())
+        came = start == 0 or steps[start] > jump
+        went = end == len(series) or steps[end] > jump
+        if came and went and end - start <= WINDOW // 2:
+            jumped[start:end] = True
+        elif came and went and np.ptp(series[start:end]) == 0.0:
+            codes[start:end] = True
+    # What is more frequent belongs to the signal.
+    return out, jumped & bool(jumped.mean() <= 0.02), codes & bool(codes.mean() <= 0.02)
 
 
 def check_values(log: Log) -> list[Finding]:

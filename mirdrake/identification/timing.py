@@ -143,17 +143,25 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     max_rows = max(max_rows, min(still, len(log.time) // 10))
     dummy, text = 0, None
     for name, values in log.channels.items():
-        if not channel(name).moves or not np.isfinite(values).all():
+        # Forces, and what follows from them within a sample, may jump from rest.
+        if not channel(name).moves or channel(name).jumps or not np.isfinite(values).all():
             continue
         steps, rest = np.abs(np.diff(values)), values[max_rows:]
         if len(rest) < MIN_PART:
             continue
-        # A default value is constant, lies outside of the later range, and ends by a jump that dwarfs the later steps.
+        # A default value is constant, lies outside of the later range, and ends by a jump that dwarfs the later steps,
+        # also those directly behind it: a launch from rest continues.
         low, high = np.percentile(rest, (1, 99))
         jumps = np.flatnonzero(
             steps[:max_rows] > max(20.0 * float(np.percentile(steps[max_rows:], 98)), 0.5 * (high - low))
         )
-        ends = [int(row) + 1 for row in jumps if np.ptp(values[: row + 1]) == 0.0 and not low <= values[row] <= high]
+        ends = [
+            int(row) + 1
+            for row in jumps
+            if np.ptp(values[: row + 1]) == 0.0
+            and not low <= values[row] <= high
+            and steps[row] > 20.0 * float(np.median(steps[row + 1 : row + 1 + MIN_PART]))
+        ]
         if ends and ends[0] > dummy:
             dummy = ends[0]
             first, then, unit = float(values[0]), float(values[dummy]), channel(name).unit

@@ -124,7 +124,7 @@ class StepSteerSpec(ManoeuvreSpec):
         outcome.add("tb", "TB factor", factor, "deg s", "sideslip x peak time of the yaw rate")
         shown = time > self.settle - 0.3
         for label, unit, values in (
-            ("Hand-wheel angle", "deg", np.degrees(steer)),
+            ("Road-wheel angle times steering ratio", "deg", np.degrees(steer)),
             ("Yaw rate", "deg/s", np.degrees(record.yaw_rate)),
             ("Lateral acceleration", "m/s²", record.lateral_acceleration),
         ):

@@ -60,7 +60,7 @@ class Record:
 
     @cached_property
     def hand_wheel(self) -> Array:
-        """Angle of the hand-wheel [rad]."""
+        """Angle of the road wheels times the steering ratio: that of a hand-wheel without compliance [rad]."""
         return self.ratio * self.steering
 
     @cached_property

@@ -300,12 +300,19 @@ def format_error(error: float | None) -> str:
     return "-" if error is None else f"{100.0 * error:+.1f} %"
 
 
+_STATUS = {
+    "verified": "read in the source, or computed from it",
+    "excerpt": "read in a quotation of the source",
+    "recalled": "not found in a source",
+}
+
+
 def describe_validation(results: ValidationResults) -> list[str]:
     """Return the comparison as lines of text."""
     lines = [f"{results.facts.title} ({results.facts.name}): {results.headline}"]
     if results.published.none_because:
         lines.append(f"  {results.published.none_because}")
-    heads = ("figure", "published", "simulated", "error", "", "source")
+    heads = ("figure", "published", "simulated", "error", "", "status")
     # One table per role, with columns of equal width over all of them.
     tables = {role: [_cells(comparison) for comparison in results.having(role)] for role in ROLES}
     rows = [heads, *(row for table in tables.values() for row in table)]
@@ -318,7 +325,9 @@ def describe_validation(results: ValidationResults) -> list[str]:
             lines.append("  " + "  ".join([*cells, row[4].ljust(widths[4]), row[5]]).rstrip())
     # Each reason once: many figures share a run.
     reasons = dict.fromkeys(x.note for x in results.comparisons if x.verdict == "not simulated" and x.note)
-    return [*lines, *(f"  not simulated: {reason}" for reason in reasons)]
+    lines += [f"  not simulated: {reason}" for reason in reasons]
+    known = [f"{status}: {meaning}" for status, meaning in _STATUS.items() if any(row[5] == status for row in rows[1:])]
+    return [*lines, f"status of the source: {'; '.join(known)}"] if known else lines
 
 
 def _cells(comparison: Comparison) -> tuple[str, ...]:

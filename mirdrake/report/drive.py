@@ -158,7 +158,8 @@ def _draw_place(world: World, lines: Sequence[DrivenLine], place: Place, descrip
     reach = place.reach
     bounds = (place.x - reach, place.y - reach, place.x + reach, place.y + reach)
     sheet = Sheet.around(bounds, _INSET, (_INSET, _INSET))
-    layers = [surfaces, centre_lines, signals, props, driven_lines(lines, width=2.0)]
+    # The path of a small error lies on the middle of the road, which is drawn above it.
+    layers = [surfaces, signals, props, driven_lines(lines, width=2.0), centre_lines]
     layers.append(place_circle(place))
     return draw_figure(world, sheet, PAGE, layers, kind="plot place", description=description)
 

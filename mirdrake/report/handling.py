@@ -105,7 +105,11 @@ def _tiles(results: HandlingResults) -> list[Tile]:
         Tile("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),
         Tile("Height of centre of mass", f"{p.com_height:.3f} m", f"{facts.ahead:.3f} m ahead of the rear axle"),
         Tile("Steering ratio", f"{facts.ratio:g}", f"road wheels up to {math.degrees(facts.steering_limit):.0f}°"),
-        Tile("Tyres", facts.tyres.replace("_", " "), f"road friction {results.friction:g}"),
+        Tile(
+            "Tyres",
+            facts.tyres.replace("_", " "),
+            f"ground of friction {results.friction:g}; tyre data are those of 0.85, dry asphalt",
+        ),
         Tile("Driven by", "pedals" if facts.pedals else "speed command", _powertrain(results)),
         Tile("Model", "full plant" if results.model == "full" else "single track", _plant(results)),
         Tile("Scale", f"{facts.scale:.3g}", scale),

@@ -409,7 +409,8 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
     worst = worst_fit(fits)
-    return f"worst channel: {worst.channel} of {worst.log}; its noise allows {worst.noise_limit_percent:.0f} %"
+    limit = f"{worst.noise_limit_percent:.0f} %"
+    return f"farthest below the limit of its noise ({limit}): {worst.channel} of {worst.log}"
 
 
 def _number(value: float | None, none: str = "–") -> str:

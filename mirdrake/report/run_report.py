@@ -232,7 +232,9 @@ def _sentence(figures: Mapping[str, float]) -> str:
     if figures.get("max_abs_lateral_error_m", 0.0) >= STRAIGHT_ON:
         parts.append(f"largest lateral error {format_quantity(figures['max_abs_lateral_error_m'], 'm', digits=2)}")
     if "mean_speed_error_percent" in figures:
-        parts.append(f"mean speed error {format_quantity(abs(figures['mean_speed_error_percent']), '%', digits=2)}")
+        parts.append(
+            f"mean speed error on straights {format_quantity(figures['mean_speed_error_percent'], '%', digits=2)}"
+        )
     if figures.get("off_road_s"):
         parts.append(f"{format_duration(figures['off_road_s'])} off the road")
     return ", ".join(parts)
@@ -274,7 +276,11 @@ def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
         tiles.append(Tile("Largest lateral error", format_quantity(figures["max_abs_lateral_error_m"], "m", digits=2)))
     if "mean_speed_error_percent" in figures:
         tiles.append(
-            Tile("Mean speed error", format_quantity(figures["mean_speed_error_percent"], digits=2) + "\u00a0%")
+            Tile(
+                "Mean speed error",
+                format_quantity(figures["mean_speed_error_percent"], digits=2) + "\u00a0%",
+                "on straights",
+            )
         )
     if "max_speed_mps" in figures:
         tiles.append(

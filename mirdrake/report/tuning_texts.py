@@ -246,7 +246,6 @@ class Texts:
             omitted = "; ".join(f"{design.name} ({design.reason})" for design in result.omitted)
             notices.append(f"Designs without a solution: {omitted}.")
         # Warnings about the choice come before those about its conditions.
-        notices += self._cheaper_rejected()
         notices += self._optimistic_margins()
         if result.step_effect is not None and result.step_effect.is_significant:
             notices.append(f"{self._step_effect(result.step_effect)}.")
@@ -278,16 +277,6 @@ class Texts:
             f"For information, not a criterion: '{self.winner.name}' is not stable in {failed} of {total} corners of "
             f"the ranges{compared}. At a corner, all conditions are extreme at once."
         ]
-
-    def _cheaper_rejected(self) -> list[str]:
-        """Return a sentence per feasible candidate that costs less than the best and is not robust."""
-        limit = self.winner.cost if self.winner is not None else None
-        return [
-            f"{candidate.name} costs {candidate.cost:.4g}, but was rejected: {self.rejections(candidate.rejections)}."
-            for candidate in self.result.candidates
-            if candidate.feasible and candidate.cost is not None and limit is not None and candidate.cost < limit
-            and candidate.rejections and candidate.kind != "baseline"
-        ]  # fmt: skip
 
     def _optimistic_margins(self) -> list[str]:
         """Return a sentence per margin of the winner that the plant does not confirm in full."""
@@ -413,8 +402,8 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
         "cheaper_in_runs": f"median cost in the Monte Carlo over that of {baseline_name(result)}",
         "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
         "monte_carlo": "Monte Carlo runs that are not stable",
-        "finer_step": "not stable at a finer step of the plant",
-        "own_slopes": "does not follow the vehicle's own slopes of the set-point, up and down",
+        "finer_step": "tests at a finer step of the plant that are not stable",
+        "own_slopes": "tests on the vehicle's own slopes of the set-point, up and down, that do not follow",
         "no_dearer_than_rule": f"{cost} that of the best {rule} within the constraints, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",

@@ -138,8 +138,10 @@ def _plan_speed(signals: VehicleSignals) -> Plan | None:
         format_quantity(float(value), "m/s") for value in (np.nanmin(speed), np.nanmax(speed), np.nanmean(speed))
     )
     caption = f"Between {low} and {high}, {mean} on average"
-    if signals.has("speed_command"):
-        command = signals["speed_command"]
+    # The control follows its own set-point: a block between driver and control, or a slope, changes the command.
+    source = next((name for name in ("speed_setpoint", "speed_command") if signals.has(name)), None)
+    if source is not None:
+        command = signals[source]
         curves.append(Curve("set-point", command, "ink", dashed=True))
         gap = np.abs(speed - command)
         if np.isfinite(gap).any():

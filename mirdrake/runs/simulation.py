@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import signal
 import threading
 import time
@@ -398,9 +399,11 @@ def _watch(
 def default_folder(name: str, *, base: Path | None = None) -> Path:
     """Return ``runs/<name>-<UTC time>`` below a folder, with a number if it exists already."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    # A title, such as that of a loaded diagram, may have spaces and other characters that shells interpret.
+    safe = re.sub(r"[^\w.-]+", "_", name).strip("_")
     root = (base or Path.cwd()) / "runs"
-    folder, number = root / f"{name}-{stamp}", 1
+    folder, number = root / f"{safe}-{stamp}", 1
     while folder.exists():
         number += 1
-        folder = root / f"{name}-{stamp}-{number}"
+        folder = root / f"{safe}-{stamp}-{number}"
     return Path(os.path.relpath(folder)) if base is None else folder

@@ -211,7 +211,7 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
                 limit=values["steering_limit"], **{key: values[key] for key in ("wheelbase", "track", "wheel_radius")}
             )
         ),
-        "given_count": len(plan.sources) - len(plan.estimated()),
+        "given_count": plan.given_count(),
         "summary": f"{driven} vehicle of {values['mass']:g} kg with a wheelbase of {values['wheelbase']:g} m.",
     }
     # The tree of templates is the tree of the folder.

@@ -38,7 +38,7 @@ STYLES: dict[str, tuple[float, float, str]] = {
     "suv": (1.69, 4.9, "length as the Escape, height as the Bolt"),
     "van": (1.60, 6.5, "as the Sprinter"),
     "truck": (1.65, 6.5, "as a lorry of 7.5 t with a box"),
-    "robot": (1.50, 3.8, "Unior about 1.5 and 4.4, F1TENTH 1.7"),
+    "robot": (1.50, 3.8, "Unior about 1.5 wheelbases long and 4.4 wheel radii high, F1TENTH 1.7 wheelbases long"),
 }
 """Length over wheelbase, height over wheel radius and their origin, by body style."""
 
@@ -118,6 +118,10 @@ class Plan:
     def estimated(self) -> dict[str, str]:
         """Return how each number was estimated, by key, without the given ones."""
         return {key: text for key, text in self.sources.items() if not text.startswith(GIVEN)}
+
+    def given_count(self) -> int:
+        """Return how many numbers were given; one for both axles counts once."""
+        return sum(text.startswith(GIVEN) for key, text in self.sources.items() if key in self.listed())
 
     def listed(self) -> list[str]:
         """Return the keys without those of the rear axle that equal the front axle."""

@@ -123,15 +123,15 @@ def _fault_on_slopes(t: Floats, error: Floats, others: Mapping[str, Floats], cou
     """Return why a loop does not follow the slopes to a set-point and back; empty if it does."""
     step, end = abs(course.step), float(t[-1])
     back = end if course.return_time is None else course.return_time
-    for first, last, slope in ((course.step_time, back, "away"), (back, end, "back")):
+    for first, last, slope in ((course.step_time, back, "on the way to the set-point"), (back, end, "on the way back")):
         part = (t >= first) & (t <= last)
         for name, signal in others.items():
             size = _oscillation(t[part], signal[part])
             if size > OSCILLATION * step:
-                return f"{name} oscillates on the slope {slope}, RMS {size:.3g}, {size / step:.0%} of the step"
+                return f"{name} oscillates {slope}: RMS {size:.3g}, {size / step:.2g} times the change of the set-point"
         left = abs(float(np.mean(error[part & (t > last - CONSTANT)])))
         if left > FOLLOWED * step:
-            return f"the error after the slope {slope} is {left:.3g}, {left / step:.0%} of the step"
+            return f"the error at the end {slope} is {left:.3g}, {left / step:.0%} of the change of the set-point"
     return ""
 
 
