@@ -160,7 +160,7 @@ def _format_requirement(result: "Result") -> str:
     worst = result.worst
     if worst is None or result.verdict in {"error", "invalid"}:
         return result.reason
-    when = f" (at {worst.worst_time:.2f} s)" if worst.margin is not None else ""
+    when = f" (at {worst.worst_time:.2f} s of the run)" if worst.margin is not None else ""
     more = sum(not finding.passed for finding in result.findings) - 1
     return f"{worst.text}{when}" + (f", and {more} more failed" if more > 0 else "")
 
