@@ -207,7 +207,7 @@ def test_the_table_has_the_worst_first_with_signed_margins(printed: list[str]) -
     assert rows[2] == ["error", "own#3", "what=2", "-", "the process ended with exit code 4"]
     assert rows[4][:3] == ["fail", "cruise#2", "speed=6"]
     assert re.fullmatch(r"-1\.\d+ m/s", rows[4][3])
-    assert re.fullmatch(r"always speed < 4.5 m/s \(at \d\.\d\d s\)", rows[4][4])
+    assert re.fullmatch(r"always speed < 4.5 m/s \(at \d\.\d\d s of the run\)", rows[4][4])
     assert rows[5][:4] == ["pass", "cruise#3", "speed=4", "+0.5 m/s"]
     assert printed[9].startswith("8 cases: 4 pass, 1 fail, 2 error, 1 invalid (")
     assert printed[-1].endswith("lot.yaml --case own#2")
