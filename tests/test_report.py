@@ -176,7 +176,8 @@ def test_the_speed_is_compared_with_the_set_point_that_the_control_follows(tmp_p
     """A block between driver and control halves the command, and the vehicle follows it exactly."""
     run = short_run(tmp_path)
     speed = run.signals["ego.vx"]
-    table = run.signals.assign(**{"ego.vy": 0.0, "ego.speed_setpoint": speed, "ego.speed_command": 2.0 * speed})
+    table = run.signals.copy()
+    table["ego.vy"], table["ego.speed_setpoint"], table["ego.speed_command"] = 0.0, speed, 2.0 * speed
     charts = {chart.slug: chart for chart in make_charts(VehicleSignals(table, "ego"), "")}
     assert "half of the time within 0.0001 m/s of the set-point" in charts["speed"].caption.replace("\u00a0", " ")
 
