@@ -76,7 +76,11 @@ def test_the_fit_has_the_noise_and_the_validation_fit(lateral):
     assert {"t", "yaw_rate", "yaw_rate_model"} <= set(lateral.traces["held"])
     assert lateral.correlation.shape == (6, 6)
     assert 1.0 < lateral.condition_number < 1e6
-    assert "steering_delay" in lateral.table()
+    lines = lateral.table().splitlines()
+    assert any(line.startswith("steering_delay ") for line in lines)
+    # Fixed parameters share one line.
+    (fixed,) = [line for line in lines if "fixed parameters: " in line]
+    assert fixed.split(" ", 1)[0] == str(len(lateral.parameters) - len(lateral.free))
 
 
 def test_a_fit_comes_back_from_its_folder(lateral, tmp_path):
