@@ -93,6 +93,11 @@ def drive(folder: Path, *, duration: float, **settings: Any) -> DataFrame:
 class TyreEnergy:
     """A monitor of a vehicle with springs on tyres of its own, without motors: energy, and work that dissipates it.
 
+    Positions lead velocities by half a step. The energy is at the time of the velocities: potential energies are the
+    mean of two steps. The power in a step is that of its contacts with the mean of the velocities at its ends. At the
+    time of the positions, or with contacts of both ends, both would have an error of first order in the step, which on
+    a bump is that of several kilowatts.
+
     Args:
         assembly: the diagram.
         brake: torque of each brake, constant [N m].
@@ -100,6 +105,7 @@ class TyreEnergy:
     Attributes:
         energy: kinetic energy, and potential energy of weight, springs, bars and tyres, after each step [J].
         work: that of dampers, of the damping of the tyres, of their slip and of the brakes until then, negative [J].
+            The overturning moment of the tyres, which is not logged, is not in it.
         momentum: of the vehicle in the world after each step (3) [N s].
         impulse: of the ground on the tyres and of the weight until then (3) [N s].
     """
@@ -122,55 +128,65 @@ class TyreEnergy:
     def __call__(self, context: Context) -> None:
         plant, part = self._plant, self._part
         own = plant.GetMyContextFromRoot(context)
-        q, v = plant.GetPositions(own), plant.GetVelocities(own)
-        energy = plant.CalcKineticEnergy(own) + plant.CalcPotentialEnergy(own)
-        springs, geometry = part.vehicle.spec.suspension, part.vehicle.geometry
+        q, v = plant.GetPositions(own).copy(), plant.GetVelocities(own).copy()
+        springs = part.vehicle.spec.suspension
         assert springs is not None
+        potential = plant.CalcPotentialEnergy(own)
         travel = [float(q[joint.position_start()]) for joint in part.suspension]
         for left, bar in ((0, springs.front), (2, springs.rear)):
-            energy += 0.5 * bar.anti_roll * (travel[left] - travel[left + 1]) ** 2
-        damped = sum(
-            corner.damping * float(v[joint.velocity_start()]) ** 2
-            for corner, joint in zip(springs.corners(), part.suspension, strict=True)
-        )
-
-        # Contacts of the wheels; the energy of a tyre is that of its effective deflection.
-        x = plant.GetPositionsAndVelocities(own)
-        base = base_motion(x.tolist(), self._places[0].base, plant.num_positions(), part.period)
-        terrain = self._terrain
-        contacts, elastic = [], []
-        sizes = zip(self._places, geometry.wheel_radii, geometry.wheel_widths, strict=True)
-        for wheel, (place, radius, width) in enumerate(sizes):
-            numbers = self._contact(x, place, radius, width, base, plant.num_positions(), terrain.data, terrain.samples)
-            contact, tyre = GroundContact(*numbers), part.compression[wheel // 2]
-            assert isinstance(tyre, VerticalTyre)
+            potential += 0.5 * bar.anti_roll * (travel[left] - travel[left + 1]) ** 2
+        # The energy of a tyre is that of its effective deflection.
+        for tyre, contact in zip(self._tyre_springs(), self._contacts(q, v), strict=True):
             depth = max(contact.deflection, 0.0)
-            energy += depth**2 * (0.5 * tyre.stiffness + tyre.hardening * depth / 3.0)
-            contacts.append(contact)
-            elastic.append(contact.share * depth * (tyre.stiffness + tyre.hardening * depth))
-        self.energy.append(float(energy))
-
-        # The logged forces are those of the last step: the velocities in it are the mean of its ends.
-        tyres = self._tyres.GetMyContextFromRoot(context)
-        forces = np.array(self._tyres.tyre_forces.Eval(tyres)).reshape(4, 5)
-        loads = self._tyres.wheel_load.Eval(tyres)
+            potential += depth**2 * (0.5 * tyre.stiffness + tyre.hardening * depth / 3.0)
+        q_before, v_before, potential_before = self._before or (q, v, potential)
+        self.energy.append(float(plant.CalcKineticEnergy(own) + 0.5 * (potential_before + potential)))
         self.momentum.append(plant.CalcSpatialMomentumInWorldAboutPoint(own, np.zeros(3)).translational())
         if self._before is not None:
-            early_contacts, early_elastic, early_damped = self._before
-            power = -0.5 * (damped + early_damped)
-            force = np.array([0.0, 0.0, -GRAVITY * plant.CalcTotalMass(own, [part.instance])])
-            for early, late, rubber, load, (fx, fy, mz, _, _) in zip(
-                early_contacts, contacts, early_elastic, loads, forces, strict=True
-            ):
-                power -= (load - rubber) * 0.5 * (early.rate + late.rate)
-                power += fx * 0.5 * (early.vx - early.spin * early.rolling + late.vx - late.spin * late.rolling)
-                power += fy * 0.5 * (early.vy + late.vy)
-                # About the normal the wheel turns with its carrier and, inclined, with a part of its spin.
-                turns = [contact.turn + contact.spin * sin(contact.inclination) for contact in (early, late)]
-                power += mz * 0.5 * sum(turns)
-                power -= self._brake * 0.5 * abs(early.spin + late.spin)
-                force += fx * np.array(early.ahead) + fy * np.array(early.left)
-                force += load * np.array(early.normal)
-            self.work.append(self.work[-1] + part.period * power)
-            self.impulse.append(self.impulse[-1] + part.period * force)
-        self._before = (contacts, elastic, damped)
+            self._add_step(context, self._contacts(q_before, 0.5 * (v_before + v)), v_before, v)
+        self._before = (q, v, potential)
+
+    def _tyre_springs(self) -> list[VerticalTyre]:
+        """Return the vertical tyre of each wheel."""
+        tyres = [self._part.compression[wheel // 2] for wheel in range(len(self._places))]
+        return [tyre for tyre in tyres if isinstance(tyre, VerticalTyre)]
+
+    def _contacts(self, q: npt.NDArray[np.float64], v: npt.NDArray[np.float64]) -> list[GroundContact]:
+        """Return the contacts of the wheels at positions and velocities of the same time."""
+        x, positions, terrain = np.concatenate([q, v]), self._plant.num_positions(), self._terrain
+        base, geometry = base_motion(x.tolist(), self._places[0].base, positions), self._part.vehicle.geometry
+        return [
+            GroundContact(*self._contact(x, place, radius, width, base, positions, terrain.data, terrain.samples))
+            for place, radius, width in zip(self._places, geometry.wheel_radii, geometry.wheel_widths, strict=True)
+        ]
+
+    def _add_step(
+        self,
+        context: Context,
+        contacts: list[GroundContact],
+        v_before: npt.NDArray[np.float64],
+        v: npt.NDArray[np.float64],
+    ) -> None:
+        """Add work and impulse of the last step; the logged forces are those that acted in it."""
+        plant, part = self._plant, self._part
+        tyres = self._tyres.GetMyContextFromRoot(context)
+        forces = np.array(self._tyres.tyre_forces.Eval(tyres)).reshape(4, 5)
+        loads, springs = self._tyres.wheel_load.Eval(tyres), part.vehicle.spec.suspension
+        assert springs is not None
+        power = 0.0
+        for corner, joint in zip(springs.corners(), part.suspension, strict=True):
+            rates = [float(velocity[joint.velocity_start()]) for velocity in (v_before, v)]
+            power -= corner.damping * 0.5 * (rates[0] ** 2 + rates[1] ** 2)
+        own = plant.GetMyContextFromRoot(context)
+        force = np.array([0.0, 0.0, -GRAVITY * plant.CalcTotalMass(own, [part.instance])])
+        for contact, tyre, load, (fx, fy, mz, _, _) in zip(contacts, self._tyre_springs(), loads, forces, strict=True):
+            depth = max(contact.deflection, 0.0)
+            elastic = contact.share * depth * (tyre.stiffness + tyre.hardening * depth)
+            power -= (load - elastic) * contact.rate
+            power += fx * (contact.vx - contact.spin * contact.rolling) + fy * contact.vy
+            # About the normal the wheel turns with its carrier and, inclined, with a part of its spin.
+            power += mz * (contact.turn + contact.spin * sin(contact.inclination))
+            power -= self._brake * abs(contact.spin)
+            force += fx * np.array(contact.ahead) + fy * np.array(contact.left) + load * np.array(contact.normal)
+        self.work.append(self.work[-1] + part.period * power)
+        self.impulse.append(self.impulse[-1] + part.period * force)

@@ -281,9 +281,9 @@ def test_energy_and_momentum_of_braking_and_steering_over_a_bump(tmp_path: Path,
     begin = 200 if steering else 0  # the servo moves the wheels in the first half second
     lost, dissipated = watch.energy[-1] - watch.energy[begin], watch.work[-1] - watch.work[begin]
     assert lost < -100.0
-    assert dissipated == pytest.approx(lost, rel=0.01)
+    assert dissipated == pytest.approx(lost, rel=0.001)
     change, impulse = watch.momentum[-1] - watch.momentum[0], watch.impulse[-1] - watch.impulse[0]
-    assert impulse == pytest.approx(change, abs=0.003 * float(np.linalg.norm(watch.momentum[0])))
+    assert impulse == pytest.approx(change, abs=1e-4 * float(np.linalg.norm(watch.momentum[0])))
     # Behind the bump.
     wheels = ["ego.wheel_speed.front_left", "ego.wheel_speed.rear_right"]
     assert (bump[wheels].to_numpy() > 1.0).all()
@@ -306,7 +306,7 @@ def test_energy_and_momentum_of_braking_and_steering_over_a_bump(tmp_path: Path,
     "speed", [pytest.param(3.0, marks=pytest.mark.slow), 5.0, pytest.param(8.0, marks=pytest.mark.slow)]
 )
 def test_energy_and_peaks_over_a_bump_of_75_millimetres(tmp_path: Path, speed: float) -> None:
-    """Peaks change by less than 3 % from 2.5 to 1.25 ms; the energy decreases by the work of dampers and tyres, 1 %."""
+    """Peaks change by less than 3 % from 2.5 to 1.25 ms; the energy decreases by the work of dampers and tyres."""
     bump = [{"bump": {"at": [3.2, 0.0], "length": 0.6, "height": "75 mm", "width": 6.0}}]
     model, peaks = free_handling(tmp_path, "bolt"), []
     for step in (0.0025, 0.00125):
@@ -314,7 +314,7 @@ def test_energy_and_peaks_over_a_bump_of_75_millimetres(tmp_path: Path, speed: f
         watch = TyreEnergy(assembly)
         signals = Simulation(assembly).run(duration=0.4 + 3.9 / speed, monitor=watch).signals
         peaks.append((signals[WHEEL_LOADS].to_numpy().max(), np.diff(signals["ego.vz"]).max() / step))
-        assert watch.energy[-1] - watch.energy[0] == pytest.approx(watch.work[-1], rel=0.01)
+        assert watch.energy[-1] - watch.energy[0] == pytest.approx(watch.work[-1], rel=0.004)
     assert peaks[0] == pytest.approx(peaks[1], rel=0.03)
 
 
