@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from mirdrake.cli import main
+from mirdrake.cli.tune import format_time_left
 
 SHORT = """\
 mirdrake: tuning/1
@@ -15,6 +16,11 @@ search: {{trials: 6, confirm: 1}}
 constraints: {{overshoot_percent: 20, ms: 1.8}}
 robustness: {{runs: 0}}
 """
+
+
+def test_the_time_left_has_whole_minutes() -> None:
+    times = (0.4, 59.7, 90.0, 3599.0, float("nan"), float("inf"))
+    assert [format_time_left(time) for time in times] == ["0:00 left", "1:00 left", "1:30 left", "59:59 left", "", ""]
 
 
 def write(folder: Path, text: str) -> str:

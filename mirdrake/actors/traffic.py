@@ -177,7 +177,7 @@ class Traffic(LeafSystem):
         return float(values[0]), self._before, self._after
 
     def _claims_of(self, context: Context) -> Records:
-        """Return the claims at the last update (n + m)."""
+        """Return the claims at the last update, of the actors and then of the vehicles (n + m)."""
         values = context.get_discrete_state(self._state).value()
         return np.asarray(values[1 : 1 + self._claims].view(CLAIM))
 

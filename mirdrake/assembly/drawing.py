@@ -139,7 +139,7 @@ def fit_svg(svg: str, *, widest: float = 750.0) -> str:
     """Return a picture of Graphviz that is at most `widest` points wide and shrinks to the width of its page."""
     size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', svg)
     if size is not None and float(size[1]) > widest:
-        # JupyterLab shows SVG as an image, which has no width of a page: the numbers have to be smaller.
+        # JupyterLab shows SVG as an image, for which max-width has no effect: width and height are reduced, too.
         height = widest * float(size[2]) / float(size[1])
         svg = svg.replace(size[0], f'width="{widest:g}pt" height="{height:.0f}pt"', 1)
     return svg.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)

@@ -281,7 +281,7 @@ class BatchControl:
         """Return the number of integration steps in a period [s].
 
         Raises:
-            ConfigError: it is not a whole number.
+            ConfigError: the period is not a multiple of the step.
         """
         step = self.cars.step_time
         steps = round(period / step)

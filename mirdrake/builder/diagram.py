@@ -548,7 +548,8 @@ class Diagram:
         return name
 
     def _add(self, name: str, system: str | type[System] | System, parameters: Mapping[str, Any]) -> Name:
-        # A kind by name goes to the file alone; an object or a class also needs its factory, which no file can contain.
+        # The name of a kind is written to the file. For an object or a class a factory is kept as well: the file cannot
+        # contain it.
         if isinstance(system, str):
             self._factories.pop(name, None)
             self._change(("systems", name), {"kind": system, **parameters})

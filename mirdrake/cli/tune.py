@@ -39,6 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
+def format_time_left(seconds: float) -> str:
+    """Return the time until the end of a stage as minutes and seconds, ``1:30 left``; empty if it is not finite."""
+    if not math.isfinite(seconds):
+        return ""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d} left"
+
+
 def run(options: argparse.Namespace) -> int:
     """Tune the loop; 0: all acceptance criteria are met, 1: one is not, 130: stopped."""
     # Before NumPy is loaded, one thread for linear algebra, as in the workers: threads for small matrices take longer.
@@ -56,9 +64,8 @@ def run(options: argparse.Namespace) -> int:
     folder = options.out or Path("runs") / f"tune-{spec.name}"
     with Progress(spec.name, quiet=options.quiet) as progress, open_dask(options.scheduler) as executor:
 
-        def show(stage: str, done: int, total: int, left: float) -> None:
-            time_left = "" if not math.isfinite(left) else f"{left / 60.0:.0f}:{left % 60.0:02.0f} left"
-            progress.update(text=f"{stage} {done}/{total}  {time_left}".rstrip())
+        def show(stage: str, done: int, total: int, seconds_left: float) -> None:
+            progress.update(text=f"{stage} {done}/{total}  {format_time_left(seconds_left)}".rstrip())
 
         try:
             result = tune(spec, out=folder, executor=executor, workers=options.workers, progress=show)

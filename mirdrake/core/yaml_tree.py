@@ -49,7 +49,7 @@ class Source(NamedTuple):
         return (override, None) if override else (self.name, self.lines.get(key))
 
     def error(self, text: str, *path: Hashable, code: FaultCode = "") -> ConfigError:
-        """Return the error that a key below the prefix is wrong."""
+        """Return an error with this text and the file and line of a key below the prefix."""
         file, line = self.location(*path)
         return ConfigError(text, file=file, line=line, path=(*self.prefix, *path), code=code)
 

@@ -19,7 +19,7 @@ _CORNERS = 64  # of a circle
 
 
 def actors_of(world: World, entry: int) -> list[Actor | FullActor]:
-    """Return the actors that an entry of the file makes, the first one of a row first."""
+    """Return the actors that an entry of the file makes; those of a row are in the order of the row."""
     by_name = {actor.name: actor for actor in world.moving}
     specs = zip(world.spec.actors, world.actor_entries, strict=True)
     return [by_name[spec.name] for spec, number in specs if number == entry]

@@ -78,14 +78,14 @@ class CaseRunner:
         ended = self._code is not None
         try:
             suite = load_suite(self._folder)
-        except MirdrakeError:  # it has not begun
+        except MirdrakeError:  # the suite has not written its folder yet
             return []
         folders = {result.name: self._folder / result.folder for result in suite.results if result.folder is not None}
         self._recordings = {
             name: folder / RECORDING for name, folder in folders.items() if (folder / RECORDING).is_file()
         }
         rows = [_row(case, result, recorded=result.name in self._recordings) for case, result in suite.ranked()]
-        # The page asks often; after the end nothing changes any more.
+        # The page asks repeatedly; the results after the end are kept for its next requests.
         self._final = rows if ended else None
         return rows
 

@@ -194,7 +194,7 @@ class FilterBank:
         deviations_by_law = {}
         for name in elements:
             use = np.maximum.reduce([uses[axle] for axle in AXLES[name]])
-            # The hardest use so far tells most about the limit; NaN after a divergence is not one.
+            # The largest use so far contains most information about the limit; NaN after a divergence does not count.
             use = np.maximum.accumulate(np.maximum(np.nan_to_num(use, posinf=0.0), self._uses.get((i, name), 0.0)))
             self._uses[i, name] = float(use[-1])
             time = self.time + self.spec.period * np.arange(1, len(use) + 1)

@@ -19,7 +19,7 @@ from mirdrake.single_track.dynamics import LateralForce, lateral_forces
 from mirdrake.single_track.parameters import SingleTrackParameters
 
 AXLES = {"friction": ("front", "rear"), "front_friction": ("front",), "rear_friction": ("rear",)}
-"""Axles whose tyres tell the elements of a filter that are a friction."""
+"""Axles whose tyres determine each friction that a filter can estimate."""
 
 _GRID = np.geomspace(0.02, 5.0, 60)
 """Uses x / P at which laws are compared; beyond the last one all tyres slide."""

@@ -238,7 +238,8 @@ def _time(table: Table, clock: TimeColumn, clock_place: str, rows: int) -> Array
     except ValueError as error:
         raise ConfigError(f"{clock_place}: {error} (unit in {table.name})") from None
     if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
-        numbers = numbers - numbers[np.isfinite(numbers)][0]  # a date, which floats resolve coarsely
+        # The column has dates (seconds since 1970), which floats resolve coarsely: count from the first one.
+        numbers = numbers - numbers[np.isfinite(numbers)][0]
     return np.asarray(numbers * factor, dtype=np.float64)
 
 

@@ -286,12 +286,11 @@ def _check_moves(data: DataSet, model: Model) -> None:
 
 
 def reject_poor_fit(found: Fit) -> Fit:
-    """Return the fit with weaker verdicts if the model does not follow the data it was fitted to.
+    """Return the fit, with weaker verdicts if the model fits no channel of the training logs well.
 
-    One well-fitted channel is enough to show that the model describes the vehicle.
+    One channel with a good fit shows that the model describes the vehicle; poor fits may be due to the sensors.
     """
     trained = [channel for channel in found.channels if channel.part == "train"]
-    # A good fit of one channel shows that the model works; poor ones may be due to their sensors.
     best = max(trained, key=lambda channel: channel.nrmse_percent, default=None)
     if best is None or best.nrmse_percent >= FAIR_FIT:
         return found

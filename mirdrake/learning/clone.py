@@ -272,7 +272,7 @@ def _expert_run(setup: _Setup, label: str, world: Any, index: int) -> Drive:
 
 
 def _network_run(setup: _Setup, key: str, number: int, world: Any, laps: float) -> Drive:
-    """Return a drive of the network of a round."""
+    """Return a drive with the network of round `number` as the driver."""
     spec, car = setup.spec, setup.car
 
     def work() -> Json:

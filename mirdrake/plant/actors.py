@@ -77,7 +77,6 @@ class ActorsInScene:
             planar: x, y [m] and yaw [rad] of the actors (n, 3).
         """
         vector, planar = FramePoseVector(), planar[: len(self.frames)]
-        # A rotation and an array: the constructor of Drake that takes least time in Python.
         ground = self.terrain.slopes(planar[:, 0], planar[:, 1])
         places = np.column_stack((planar[:, :2], ground[:, 0]))
         for (name, frame), place, yaw, (_, along_x, along_y) in zip(
@@ -85,12 +84,13 @@ class ActorsInScene:
         ):
             R_WA = RotationMatrix.MakeZRotation(yaw)
             if not self.terrain.flat and name not in self.upright:
-                # z along the normal of the ground, x above the heading.
+                # z is the normal of the ground; x is along the slope and, seen from above, in the direction of yaw.
                 c, s = math.cos(yaw), math.sin(yaw)
                 ahead = np.array([c, s, along_x * c + along_y * s])
                 across = np.cross([-along_x, -along_y, 1.0], ahead)
                 axes = [axis / np.linalg.norm(axis) for axis in (ahead, across, np.cross(ahead, across))]
                 R_WA = RotationMatrix(np.column_stack(axes))
+            # Of the constructors of RigidTransform this one takes the least time in Python.
             vector.set_value(frame, RigidTransform(R_WA, place))
         return vector
 

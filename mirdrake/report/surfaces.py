@@ -125,7 +125,7 @@ def _triangulate(
 
 @lru_cache(maxsize=1024)  # once for each mesh
 def _report_hull(name: str) -> None:
-    """Report that the drawings show another shape than the mesh."""
+    """Warn that the drawings show the convex hull of a mesh file; `name` is its path."""
     logging.getLogger("mirdrake").warning("%s: cannot be read as triangles; drawings show its convex hull", name)
 
 

@@ -172,9 +172,9 @@ class ElectricPowertrain(AnyPowertrain):
         return min(motor, self.governed_speed or inf), motor
 
     def wheel_inertia(self, *, drive: str, front: bool) -> float:
-        """Return the inertia of the rotor about the axle of a wheel; see the base class.
+        """Return the part of the rotor's inertia that acts about the axle of a wheel [kg m²]; see the base class.
 
-        It is exact while the driven wheels have the same speed.
+        The division between the wheels is exact while the driven wheels have the same speed.
         """
         share = {"front": 1.0, "rear": 0.0}.get(drive, self.front_share)
         return 0.5 * (share if front else 1.0 - share) * self.rotor_inertia * self.gear**2

@@ -472,7 +472,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         inside = text.removeprefix("$(").removesuffix(")")
         words = inside.split()
         if inside.startswith("eval "):
-            # Xacro's own functions read the environment and files without telling; these note what the result depends
+            # Xacro's own functions read the environment and files without a record; these note what the result depends
             # on.
             functions: dict[str, object] = {"arg": argument, "env": note.variable, "find": note.found, "true": True}
             functions |= {"optenv": lambda name, default="": note.variable(name, default), "false": False}

@@ -291,16 +291,16 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     ).tocsc()
     squared, target = scipy.sparse.csc_array(q.T @ q), q.T @ places
 
-    def moved(a: float) -> Array:
+    def shift_for(a: float) -> Array:
         return np.asarray(a * (q @ scipy.sparse.linalg.splu(scipy.sparse.csc_array(r + a * squared)).solve(target)))
 
     # The exponent of a is bisected, because a varies over twenty decades with the spacing and the deviation.
     low, high, best = -6.0, 15.0, np.zeros_like(places)
-    # The parameter has the unit m³; the cube of the spacing makes the exponents independent of it.
+    # The unit of a is m³; the cube of the spacing makes the exponents independent of it.
     scale = float(np.median(h)) ** 3
     for _ in range(40):
         exponent = (low + high) / 2.0
-        shift = moved(10.0**exponent * scale)
+        shift = shift_for(10.0**exponent * scale)
         deviation = math.sqrt(float((shift**2).sum(axis=1).mean()))
         if deviation > rms:
             # The deviation increases with a; only solutions below the limit are kept.

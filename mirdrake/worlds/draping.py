@@ -44,7 +44,7 @@ class Roads:
         self._tree = None if area.is_empty else scipy.spatial.cKDTree(edges)
 
     def to_points(self, points: Array) -> Array:
-        """Return the distances of points (N, 2) [m]; zero on a road, and without roads."""
+        """Return the distance of each point (N, 2) from the nearest road [m]; zero on a road, and without roads."""
         if self._tree is None:
             return np.zeros(len(points))
         outside = np.maximum(self._tree.query(points)[0] - _EDGE_ERROR, 0.0)

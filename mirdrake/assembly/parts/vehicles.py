@@ -106,7 +106,7 @@ def add_vehicle_systems(
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
         wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
         wiring.aliases[f"{name}.driver.{port}"] = f"{name}.{port}"
-    if driver.HasOutputPort("pedals"):  # a foot of its own
+    if driver.HasOutputPort("pedals"):  # the driver computes the pedal positions
         if powertrain is None:
             raise ConfigError(
                 f"{place}: this driver presses pedals, but {part.vehicle.name} has none; take a vehicle with a "

@@ -74,7 +74,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
 
 
 def digits(value: float) -> str:
-    """Return a number with six digits."""
+    """Return a number as text with six significant digits."""
     # Adding 0.0 turns -0.0 into 0.0.
     return f"{float(value) + 0.0:.6g}"
 

@@ -151,7 +151,7 @@ class PlantBench:
         """Apply the change of gravity by a grade [rad] as a force on the centre of mass of every body."""
         plant = self.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
-        # An empty list for level ground, as the port needs a value in any case.
+        # The list stays empty on level ground: the port needs a value in any case.
         forces = []
         for index in plant.GetBodyIndices(self.part.instance) if grade else ():
             body = plant.get_body(index)
@@ -165,8 +165,8 @@ class PlantBench:
             # At the centre of mass, so that the force has no moment.
             force.p_BoBq_B = inertia.get_com()
             weight = mass * GRAVITY
-            # Uphill along x: gravity is turned by θ; its part along -z, which is in the plant already, is reduced to mg
-            # cos θ.
+            # On a grade θ uphill along x, the weight is (-mg sin θ, 0, -mg cos θ). The plant has (0, 0, -mg) already:
+            # the force is the difference.
             force.F_Bq_W = SpatialForce(
                 tau=np.zeros(3), f=[-weight * math.sin(grade), 0.0, weight * (1.0 - math.cos(grade))]
             )
