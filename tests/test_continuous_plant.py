@@ -300,3 +300,12 @@ def test_the_steering_follows_a_ramp_as_in_the_discrete_plant(tmp_path: Path) ->
     ]
     assert angles[1].iloc[-1] > 0.04
     assert np.abs(angles[0] - angles[1]).max() < 2e-5
+
+
+def test_a_simulator_begins_at_the_time_of_its_context() -> None:
+    """As a linear model does, which advances copies of a Context by one period."""
+    assembly = assemble(make_spec({"world": "empty", "vehicles": {"ego": "bolt"}, "plant": {"contact": "tyre"}}))
+    assert not solves_joints(assembly.parts.plant)
+    context = assembly.make_context()
+    context.SetTime(1.5)
+    assert assembly.make_simulator(context).get_context().get_time() == 1.5

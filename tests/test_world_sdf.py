@@ -233,11 +233,15 @@ def test_the_test_track_is_seen(tmp_path: Path) -> None:
     export = export_sdf(load_world("test_track"))
     _, scene_graph, _, _ = _load(export, tmp_path)
     inspector = scene_graph.model_inspector()
-    assert inspector.NumGeometriesWithRole(Role.kIllustration) == 3  # ground, road, paint
-    text = export.files["meshes/scenery/world_main_road.obj"].decode()
-    road = np.array(re.findall(r"(?m)^v (\S+) (\S+) (\S+)$", text), dtype=float)
-    assert road[:, 2].max() == 0.0
-    assert road[:, 2].min() == -0.01
+    assert inspector.NumGeometriesWithRole(Role.kIllustration) == 4  # ground, road, its edges, paint
+    road, edges = (
+        np.array(
+            re.findall(r"(?m)^v (\S+) (\S+) (\S+)$", export.files[f"meshes/scenery/{name}.obj"].decode()), dtype=float
+        )
+        for name in ("world_main_road", "world_edges")
+    )
+    assert np.ptp(road[:, 2]) == road[:, 2].max() == 0.0
+    assert (edges[:, 2].min(), edges[:, 2].max()) == (-0.01, 0.0)
     assert np.ptp(road[:, 0]) == pytest.approx(266.2, abs=1.0)
 
 

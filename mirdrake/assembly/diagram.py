@@ -180,8 +180,12 @@ class Assembly:
         """
         simulator = Simulator(self.diagram, context)
         if not solves_joints(self.parts.plant):
+            # Applying a config sets the time of the Context, by default to zero.
             config = SimulatorConfig(
-                integration_scheme=SCHEME, max_step_size=self.spec.plant.time_step, use_error_control=False
+                integration_scheme=SCHEME,
+                max_step_size=self.spec.plant.time_step,
+                use_error_control=False,
+                start_time=simulator.get_context().get_time(),
             )
             ApplySimulatorConfig(config, simulator)
         return simulator

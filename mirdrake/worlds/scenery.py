@@ -27,6 +27,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.paths import data_root, resolved
+from mirdrake.ground.terrain import Slab
 from mirdrake.worlds.draping import Roads, drape
 from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
@@ -108,7 +109,6 @@ def scenery(world: World) -> list[SceneryItem]:
         bare = shapely.difference(shapely.difference(shapely.difference(road, lines), later), covered)
         lines = shapely.difference(lines, covered)
         surfaces = _textured(bare, spec.surface, wet, z=0.0)
-        surfaces += _sides(shapely.difference(road, covered), spec.surface, world)
         items.append(_item(f"world/{name}/road", surfaces, world))
         if not lines.is_empty:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
@@ -126,6 +126,8 @@ def scenery(world: World) -> list[SceneryItem]:
     # Roads and their faces are cut out, as the ground is only centimetres below them and would flicker through.
     slab = world.ground.slab
     raised = asphalt if slab is None else shapely.buffer(asphalt, slab.face, join_style="mitre")
+    if slab is not None:
+        items.append(_item("world/edges", [_edges(_polygons(asphalt), slab, world)], world))
     ground = shapely.difference(shapely.difference(plane, raised), covered)
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
@@ -152,10 +154,9 @@ def scenery(world: World) -> list[SceneryItem]:
     for name, area in patches.items():
         above, beside = (
             shapely.intersection(area, asphalt),
-            shapely.difference(shapely.intersection(area, wide), asphalt),
+            shapely.difference(shapely.intersection(area, wide), raised),
         )
         both = _textured(above, looks[name], wet, z=0.0) + _textured(beside, looks[name], wet, z=-depth)
-        both += _sides(above, looks[name], world)
         if both:
             items.append(_item(f"world/patch.{name}", both, world))
 
@@ -261,8 +262,6 @@ def _network_items(world: World, wet: BaseGeometry, above: BaseGeometry) -> list
     for part in parts:
         bare = shapely.difference(shapely.difference(without_details(part.area), painted), above)
         surfaces = _textured(bare, part.surface, wet, z=0.0)
-        if part.drivable:
-            surfaces += _sides(shapely.difference(paved, above), part.surface, world)
         items.append(_item(f"world/network/{part.name}", surfaces, world))
     for color, area in paints.items():
         lines = shapely.difference(shapely.intersection(area, paved), above)
@@ -370,13 +369,14 @@ def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: floa
     )
 
 
-def _sides(area: BaseGeometry, surface: str, world: World) -> list[Surface]:
-    """Return the faces at the edges of a road or of a patch on it; those between the two are hidden below them."""
-    outline, slab = _polygons(area), world.ground.slab
-    if outline.is_empty or slab is None:
-        return []
+def _edges(outline: shapely.MultiPolygon, slab: Slab, world: World) -> Surface:
+    """Return the faces at the edges of all roads, as grey as the surface that most of them have."""
+    areas: dict[str, float] = {}
+    for road in world.road_areas:
+        areas[road.surface] = areas.get(road.surface, 0.0) + road.area.area
+    surface = max(areas, key=lambda name: areas[name])
     grey = _SIDE_GREY[surface]
-    return [skirt(outline, height=slab.thickness, length=slab.face, tile=TILES[surface], color=(grey, grey, grey))]
+    return skirt(outline, height=slab.thickness, length=slab.face, tile=TILES[surface], color=(grey, grey, grey))
 
 
 def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
