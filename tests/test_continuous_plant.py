@@ -304,7 +304,9 @@ def test_the_steering_follows_a_ramp_as_in_the_discrete_plant(tmp_path: Path) ->
 
 def test_a_simulator_begins_at_the_time_of_its_context() -> None:
     """As a linear model does, which advances copies of a Context by one period."""
-    assembly = assemble(make_spec({"world": "empty", "vehicles": {"ego": "bolt"}, "plant": {"contact": "tyre"}}))
+    assembly = assemble(
+        make_spec({"world": "empty", "vehicles": {"ego": {"model": "bolt"}}, "plant": {"contact": "tyre"}})
+    )
     assert not solves_joints(assembly.parts.plant)
     context = assembly.make_context()
     context.SetTime(1.5)
