@@ -123,18 +123,37 @@ def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
     assert np.abs(border).max() < 1e-9
 
 
+def test_a_thin_triangle_is_divided_where_its_neighbours_are() -> None:
+    """A rhombus of 4 by 6 m with a triangle of 3 mm height in the middle; inner edges belong to two triangles."""
+    terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in (0.5, 1.5, 2.5, 3.5)])
+    corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.6, 0.003], [2.0, -3.0], [2.0, 3.0]])
+    vertices, triangles = np.column_stack((corners, np.zeros(5))), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 4], [2, 1, 4]])
+    normal = np.tile([0.0, 0.0, 1.0], (5, 1))
+    flat = Surface(vertices, triangles, normal, corners, (1.0, 1.0, 1.0), None)
+    surface = drape(flat, terrain, Roads(shapely.Polygon()))
+    edges = np.sort(np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    x, y = surface.vertices[unique[count == 1]].mean(axis=1)[:, :2].T
+    assert len(x) > 100
+    assert np.abs(y) == pytest.approx(1.5 * np.minimum(x, 4.0 - x), abs=1e-9)
+
+
 def test_a_triangle_without_area_is_not_divided_again_and_again() -> None:
     """Three corners on a line at 0, 1.6 and 4 m, over waves of 1 m.
 
     The line from 0 to 4 m has no error at its quarters, where it is compared with the terrain, but its parts have.
     """
-    terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in (0.5, 1.5, 2.5, 3.5)])
+    terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in range(4)])
     x = np.array([0.0, 1.6, 4.0])
     surface = Surface(
         np.column_stack((x, 0.0 * x, 0.0 * x)), np.array([[0, 1, 2]]), np.tile([0.0, 0.0, 1.0], (3, 1)),
         np.zeros((3, 2)), (1.0, 1.0, 1.0), None,
     )  # fmt: skip
-    assert len(drape(surface, terrain, Roads(shapely.Polygon())).triangles) == 1
+    assert terrain.height(np.arange(5.0), 0.0) == pytest.approx(np.zeros(5))
+    draped = drape(surface, terrain, Roads(shapely.Polygon()))
+    assert 10 < len(draped.triangles) < 200
+    assert len(draped.triangles) == len(draped.vertices) - 2  # a polygon without points inside
+    terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in (0.5, 1.5, 2.5, 3.5)])
     # Upright ones have an area, also if they have none from above.
     upright = replace(
         surface,

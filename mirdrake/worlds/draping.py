@@ -1,7 +1,8 @@
 """Visual meshes that follow uneven ground: triangles are divided and moved to the height of the terrain.
 
 An edge is halved where the terrain along it differs by more than a tolerance from the line between its ends. This
-depends on the edge alone, so that neighbours fit without cracks. The tolerance is small near the roads and grows with
+depends on the edge alone, so that neighbours fit without cracks; the lines that divide a thin triangle have no others
+beside them, and stay. The tolerance is small near the roads and grows with
 the distance from them, so that a large world stays small.
 """
 
@@ -65,15 +66,15 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     # Corners as rows: x, y, z, u, v and the normal.
     values = np.concatenate([surface.vertices, surface.uv, surface.normal], axis=1)[surface.triangles]
     done: list[Array] = []
-    finished = 0
+    finished, inner = 0, np.zeros(surface.triangles.shape, dtype=bool)
     while len(values):
-        long = _long_edges(values[:, :, :2], terrain, roads) & ~_is_thin(values[:, :, :3])[:, None]
+        long = _long_edges(values[:, :, :2], terrain, roads) & ~inner
         # Each division adds at most three triangles; above the limit the remaining ones are taken as they are.
         if finished + len(values) + 3 * int(long.any(axis=1).sum()) > _MOST:
             long[:] = False
         done.append(values[~long.any(axis=1)])
         finished += len(done[-1])
-        values = _divided(values, long)
+        values, inner = _divided(values, long, inner)
     rows = np.concatenate(done).reshape(-1, 8)
     points, uv, normal = rows[:, :3], rows[:, 3:5], rows[:, 5:]
     index = np.arange(len(points))
@@ -119,21 +120,30 @@ def _long_edges(corners: Array, terrain: Terrain, roads: Roads) -> NDArray[np.bo
 def _is_thin(corners: Array) -> NDArray[np.bool_]:
     """Return which triangles (N, 3, 3) have a height below the tolerance.
 
-    They are as near to the terrain as their edges. Divided, the parts of a triangle without area could keep its longest
-    edge in every round, since the terrain can differ from a part of an edge, but not from the whole edge.
+    They are as near to the terrain as their edges, so that only these are halved, not the lines inside. Else the parts
+    of a triangle without area could keep its longest edge in every round, since the terrain can differ from a part of
+    an edge, but not from the whole edge.
     """
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
     return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) <= TOLERANCE * longest)
 
 
-def _divided(values: Array, long: NDArray[np.bool_]) -> Array:
-    """Return the parts of the triangles (N, 3, k) that have edges to halve."""
+def _divided(values: Array, long: NDArray[np.bool_], inner: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the parts of the triangles (N, 3, k) that have edges to halve, and which edges of them are inside thin ones.
+
+    Args:
+        values: corners of the triangles.
+        long: edges to halve (N, 3).
+        inner: edges inside thin triangles (N, 3).
+    """
     parts: list[Array] = [np.empty((0, 3, values.shape[2]))]
-    count = long.sum(axis=1)
+    marks: list[NDArray[np.bool_]] = [np.empty((0, 3), dtype=bool)]
+    count, thin = long.sum(axis=1), _is_thin(values[:, :, :3])
     for number in (1, 2, 3):
         # Turn the triangles so that their first edges are the ones to halve.
-        chosen, flags = values[count == number], long[count == number]
+        of_number = count == number
+        chosen, flags = values[of_number], long[of_number]
         if not len(chosen):
             continue
         # With two edges to halve, the first is the one after the edge that stays.
@@ -141,11 +151,19 @@ def _divided(values: Array, long: NDArray[np.bool_]) -> Array:
         order = (first[:, None] + np.arange(3)) % 3
         a, b, c = (chosen[np.arange(len(chosen)), order[:, i]] for i in range(3))
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        e, f, g = np.take_along_axis(inner[of_number], order, axis=1).T  # edges ab, bc and ca
+        new = thin[of_number]
+        # Corners, then edges; all parts keep the winding of their triangle.
         pieces = {
-            1: [(a, ab, c), (ab, b, c)],
-            # All parts keep the winding of their triangle.
-            2: [(ab, b, bc), (a, ab, bc), (a, bc, c)],
-            3: [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)],
+            1: [((a, ab, c), (e, new, g)), ((ab, b, c), (e, f, new))],
+            2: [((ab, b, bc), (e, f, new)), ((a, ab, bc), (e, new, new)), ((a, bc, c), (new, f, g))],
+            3: [
+                ((a, ab, ca), (e, new, g)),
+                ((ab, b, bc), (e, f, new)),
+                ((ca, bc, c), (new, f, g)),
+                ((ab, bc, ca), (new, new, new)),
+            ],
         }[number]
-        parts += [np.stack(piece, axis=1) for piece in pieces]
-    return np.concatenate(parts)
+        parts += [np.stack(corners, axis=1) for corners, _ in pieces]
+        marks += [np.stack(edges, axis=1) for _, edges in pieces]
+    return np.concatenate(parts), np.concatenate(marks)
