@@ -123,11 +123,29 @@ def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
     assert np.abs(border).max() < 1e-9
 
 
+def test_the_triangles_of_a_large_area_share_their_edges() -> None:
+    """A square of 900 m with a round hole, which is cut along a grid beside rectangles that are not."""
+    area = shapely.box(-450.0, -450.0, 450.0, 450.0).difference(shapely.Point(95.0, 50.0).buffer(100.0, quad_segs=60))
+    surface = fill(area, z=0.0, tile=1.0, color=(1.0, 1.0, 1.0), texture=None)
+    # The places where the grid cuts the circle differ by rounding.
+    places, index = np.unique(np.round(surface.vertices[:, :2] @ [1.0, 1.0j], 6), return_inverse=True)
+    edges = np.sort(np.concatenate([index[surface.triangles[:, [i, (i + 1) % 3]]] for i in range(3)]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    lonely = places[unique[count == 1]].mean(axis=1)
+    middle = np.column_stack((lonely.real, lonely.imag))
+    outside, hole = np.abs(middle).max(axis=1) > 449.9, np.linalg.norm(middle - [95.0, 50.0], axis=1) < 100.1
+    assert (outside | hole).all()
+    assert len(surface.triangles) < 1000
+
+
 def test_a_thin_triangle_is_divided_where_its_neighbours_are() -> None:
     """A rhombus of 4 by 6 m with a triangle of 3 mm height in the middle; inner edges belong to two triangles."""
     terrain = Terrain([Wave(0.5, 1.0, 10.0, 1.0, x=x) for x in (0.5, 1.5, 2.5, 3.5)])
     corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.6, 0.003], [2.0, -3.0], [2.0, 3.0]])
-    vertices, triangles = np.column_stack((corners, np.zeros(5))), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 4], [2, 1, 4]])
+    vertices, triangles = (
+        np.column_stack((corners, np.zeros(5))),
+        np.array([[0, 1, 2], [0, 3, 1], [0, 2, 4], [2, 1, 4]]),
+    )
     normal = np.tile([0.0, 0.0, 1.0], (5, 1))
     flat = Surface(vertices, triangles, normal, corners, (1.0, 1.0, 1.0), None)
     surface = drape(flat, terrain, Roads(shapely.Polygon()))

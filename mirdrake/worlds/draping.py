@@ -130,10 +130,10 @@ def _is_thin(corners: Array) -> NDArray[np.bool_]:
 
 
 def _divided(values: Array, long: NDArray[np.bool_], inner: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the parts of the triangles (N, 3, k) that have edges to halve, and which edges of them are inside thin ones.
+    """Return the parts of the triangles that have edges to halve, and which of their edges are inside thin ones.
 
     Args:
-        values: corners of the triangles.
+        values: corners of the triangles (N, 3, k).
         long: edges to halve (N, 3).
         inner: edges inside thin triangles (N, 3).
     """

@@ -122,7 +122,8 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
     """Return a polygon cut along a grid, because the time of triangulation grows faster than the number of corners.
 
     The grid is the same for all polygons, so that neighbours are cut at the same points, without cracks between them.
-    Parts are halved repeatedly, so that every cut is of a small part; rectangles are not cut.
+    Parts are halved repeatedly, so that every cut is of a small part. Rectangles are not cut, but get points where the
+    grid meets their edges.
     """
     parts = np.asarray(shapely.get_parts(polygon))
     # The triangulation of a small polygon is fast; cutting it would only add triangles.
@@ -135,9 +136,11 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
         first, last = np.floor(low / size + 1e-6), np.ceil(high / size - 1e-6)  # lines of the grid around each part
         cells = last - first
         area = shapely.area(parts)
-        # A part within one cell, or a rectangle, which needs two triangles only.
-        small = (cells <= 1.0).all(axis=1) | (area > (1.0 - 1e-12) * np.prod(high - low, axis=1))
+        # A part within one cell, or a rectangle, which needs few triangles only.
+        small, whole = (cells <= 1.0).all(axis=1), area > (1.0 - 1e-12) * np.prod(high - low, axis=1)
         done.append(parts[small])
+        done += [np.array([_with_points(low[i], high[i], size)]) for i in np.flatnonzero(whole & ~small)]
+        small |= whole
         parts, low, high, first, cells = (values[~small] for values in (parts, low, high, first, cells))
         across = np.argmax(cells, axis=1)[:, None] == [0, 1]  # the longer way
         middle = size * (first + np.floor(cells / 2.0))
@@ -152,3 +155,13 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
         # Slivers at the lines of the grid have no area and only disturb the triangulation.
         parts = parts[shapely.area(parts) > 1e-8]
     return np.concatenate(done)
+
+
+def _with_points(low: Array, high: Array, size: float) -> shapely.Polygon:
+    """Return the rectangle between two corners with points on its edges where the lines of a grid meet them."""
+    x, y = (
+        np.unique([a, *(size * np.arange(np.floor(a / size + 1e-6) + 1.0, np.ceil(b / size - 1e-6))), b])
+        for a, b in zip(low, high, strict=True)
+    )
+    sides = [(x, y[:1]), (x[-1:], y), (x[::-1], y[-1:]), (x[:1], y[::-1])]
+    return shapely.Polygon(np.concatenate([np.column_stack(np.broadcast_arrays(*side))[:-1] for side in sides]))
