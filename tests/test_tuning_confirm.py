@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mirdrake.core.pid import PidGains
+from mirdrake.core.pid import NO_LIMITS, PidGains, PidLimits
 from mirdrake.tuning import LinearProcess, TransferFunction, find_margins, simulate_loop
 from mirdrake.tuning.confirm import ABOVE, LEAST, confirm_margins
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Fidelity
 from mirdrake.tuning.loops.blocks import LONGEST
+from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.spec import breaks_limit
 
 PERIOD, DEAD_TIME = 0.01, 0.1
@@ -44,6 +45,45 @@ def test_true_margins_are_claimed_in_full() -> None:
     for check in confirm_margins(drive, GAINS, exact, delay=DEAD_TIME, step=1.0):
         assert check.claimed == pytest.approx(check.model, rel=0.03)
         assert not check.stable_at_above
+
+
+def short_test(gains: Mapping[str, float], added: float, limits: PidLimits = NO_LIMITS) -> Evaluation:
+    """Return the evaluation of a test that is too short for an oscillation near the margin to decay."""
+    response = simulate_loop(
+        LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(400), limits=limits
+    )
+    course = Course(step=1.0, step_time=0.0, load=0.0, load_time=4.0, duration=4.0)
+    rows = response.time, response.reference, response.measurement, response.control
+    return judge(*rows, course=course, limits=limits)
+
+
+@pytest.mark.parametrize("kp", [5.0, 7.0])
+def test_an_oscillation_that_decays_slowly_is_within_the_margin(kp: float) -> None:
+    """At the end of a short test it is larger than a nominal test allows."""
+    gains = GAINS | {"kp": kp}
+    exact = find_margins(plant(), PidGains(**gains), period=PERIOD)
+
+    def drive_shortly(
+        gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        return short_test(gains, 0.0 if conditions.delay is None else conditions.delay - DEAD_TIME)
+
+    close = short_test(gains, 0.95 * exact.delay_margin)
+    assert close.status == "unstable"
+    assert close.decays
+    figures = {"gain_margin": exact.gain_margin, "delay_margin_s": exact.delay_margin}
+    for check in confirm_margins(drive_shortly, gains, figures, delay=DEAD_TIME, step=1.0):
+        assert check.claimed == pytest.approx(check.model, rel=0.03)
+        assert not check.stable_at_above
+
+
+def test_whether_an_oscillation_decays_is_not_known_at_a_limit_of_the_effort() -> None:
+    """It shrinks to the size that the limit sustains."""
+    exact = find_margins(plant(), PidGains(**GAINS), period=PERIOD)
+    for added in (1.1 * exact.delay_margin, 1.5 * exact.delay_margin):
+        result = short_test(GAINS, added, PidLimits(minimum=-3.0, maximum=3.0))
+        assert result.status == "unstable"
+        assert not result.decays
 
 
 def test_of_margins_that_are_too_large_those_of_the_plant_are_claimed() -> None:

@@ -60,12 +60,15 @@ class Evaluation:
             and the nominal margins in :data:`mirdrake.tuning.spec.MARGINS` if a model is known. Empty unless ok.
         response: columns t [s], reference [y], output [y], effort [u]; None if it was not asked for.
         reason: one line; empty if ok.
+        decays: whether any oscillation at the end decays, though it may be too large for a status of ok; False if that
+            is not known.
     """
 
     status: Status
     figures: dict[str, float] = field(default_factory=dict)
     response: pd.DataFrame | None = None
     reason: str = ""
+    decays: bool = False
 
 
 class Evaluator(Protocol):

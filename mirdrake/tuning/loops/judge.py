@@ -23,6 +23,8 @@ LEAST_SAMPLES = 20
 DECAY = 0.6
 """An oscillation decays if its RMS in the last quarter of the test is below this fraction of that in the third."""
 
+SUSTAINED = 0.98
+"""An oscillation is sustained if the envelope of the last quarter is above this fraction of that of the third."""
 
 FOLLOWED = 0.05
 """A loop follows slopes if its mean error at the end of a constant set-point is at most this fraction of the step."""
@@ -92,11 +94,17 @@ def judge(
         # Large and not decaying, or so large that its decay does not matter.
         if late > bound and (late > DECAY * early or late > 5.0 * bound):
             oscillations.append((late, name))
+    # The transient of a load, or of the return of the set-point, decays as well: it hides a sustained oscillation. So
+    # does an oscillation that shrinks to the size that a limit of the effort sustains.
+    half = t >= t[-1] - 0.5 * span
+    steady = course.return_time is None and (course.load == 0.0 or course.load_time <= t[0] + 0.5 * span)
+    limited = (effort[half] >= limits.maximum) | (effort[half] <= limits.minimum)
+    decays = steady and not limited.any() and all(_decays(t, signal) for signal in (error, *others.values()))
     if oscillations:
         # Report the largest of them.
         size, name = max(oscillations)
         reason = f"{name or 'the error'} oscillates at the end, RMS {size:.3g}, {size / step:.0%} of the step"
-        return Evaluation("unstable", response=response, reason=reason)
+        return Evaluation("unstable", response=response, reason=reason, decays=decays)
 
     if course.return_time is not None:
         fault = _fault_on_slopes(t, error, others, course)
@@ -116,7 +124,7 @@ def judge(
         "peak_effort": costs.peak_effort, "rms_effort": costs.rms_effort, "total_variation": costs.total_variation,
         "saturation_time": costs.saturation_time, "rms_jerk": costs.rms_jerk, "peak_jerk": costs.peak_jerk,
     }  # fmt: skip
-    return Evaluation("ok", {**figures, **margins}, response)
+    return Evaluation("ok", {**figures, **margins}, response, decays=decays)
 
 
 def _fault_on_slopes(t: Floats, error: Floats, others: Mapping[str, Floats], course: Course) -> str:
@@ -140,3 +148,21 @@ def _oscillation(t: Floats, signal: Floats) -> float:
     past, change = t - np.mean(t), signal - np.mean(signal)
     line = (past @ change) / (past @ past) * past
     return float(np.sqrt(np.mean((change - line) ** 2)))
+
+
+def _decays(t: Floats, signal: Floats) -> bool:
+    """Return whether the envelope of an oscillation is smaller in the last quarter of the time than in the third.
+
+    The square of the envelope is x² + (x' / ω)², with the frequency ω from the sizes of x' and x. Unlike that of x, its
+    mean over a part of a period does not depend on the phase.
+    """
+    half = t >= t[-1] - 0.5 * (t[-1] - t[0])
+    past = t[half] - np.mean(t[half])
+    change = signal[half] - np.mean(signal[half])
+    x = change - (past @ change) / (past @ past) * past
+    rate = np.gradient(x, past)
+    size, speed = float(np.std(x)), float(np.std(rate))
+    if size == 0.0 or speed == 0.0:
+        return True
+    square = x**2 + (size / speed * rate) ** 2
+    return bool(np.mean(square[past >= 0.0]) < SUSTAINED**2 * np.mean(square[past < 0.0]))
