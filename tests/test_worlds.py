@@ -416,7 +416,8 @@ def test_scenery_of_a_relief_has_less_than_250000_triangles(name: str):
 
 def test_the_road_is_seen_at_z_0_and_the_grass_10_mm_lower():
     items = {item.name: gltf(item) for item in scenery(load_world("test_track"))}
-    assert heights(items["world/main/road"]) == pytest.approx((-0.01, 0.0))
+    assert heights(items["world/main/road"]) == pytest.approx((0.0, 0.0))
+    assert heights(items["world/edges"]) == pytest.approx((-0.01, 0.0))
     assert heights(items["world/main/lines"]) == pytest.approx((0.0, 0.0))
     assert heights(items["world/ground"]) == pytest.approx((-0.01, -0.01))
 
@@ -444,8 +445,9 @@ def test_ground_road_and_paint_cover_the_plane_without_overlap():
     xmin, ymin, xmax, ymax = loaded.ground.extent
     plane = (xmax - xmin + 2000.0) * (ymax - ymin + 2000.0)
     assert sum(items.values()) == pytest.approx(plane, rel=1e-6)
-    # The road has faces of 10 mm on both sides.
-    assert items["world/main/road"] + items["world/main/lines"] == pytest.approx(965.0 * 3.02, rel=1e-3)
+    assert items["world/main/road"] + items["world/main/lines"] == pytest.approx(965.0 * 3.0, rel=1e-3)
+    # Faces of 10 mm on both sides of the road.
+    assert items["world/edges"] == pytest.approx(965.0 * 0.02, rel=1e-2)
     # Two solid lines of 0.1 m, dashes of half the length, and a start line 0.4 m wide that crosses them.
     paint = 0.1 * (2 * 965.0 + 965.0 / 2) + 0.4 * (2.9 - 0.3) + 0.1 * 0.2
     assert items["world/main/lines"] == pytest.approx(paint, abs=0.5)
