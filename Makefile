@@ -23,7 +23,7 @@ ARGS ?=
 help:
 	@echo "make drive     drive a Chevrolet Bolt one lap of the test track (ARGS='--set duration=20' for options)"
 	@echo "make notebooks JupyterLab with the notebooks (ARGS=--no-browser for options)"
-	@echo "make test      the fast tests (about 7 min on 2 cores)"
+	@echo "make test      the fast tests (about 9 min on 2 cores)"
 	@echo "make quick     the tests that take about a minute together, for each small change"
 	@echo "make test-all  all tests"
 	@echo "make check     formatting, lint, types and the fast tests"
