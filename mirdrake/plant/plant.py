@@ -226,7 +226,7 @@ class PlantParts:
 
     @property
     def lead(self) -> float:
-        """Time by which positions lead velocities [s]: half a step, as the velocities at its end move the bodies."""
+        """Half a step [s], by which positions lead velocities, as the velocities at its end move the bodies."""
         return 0.5 * max((part.period for part in self.vehicles.values()), default=0.0)
 
 
