@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.framework import Context
 
 from mirdrake.plant.plant import PlantSpec
+from mirdrake.plant.wheels.tyre_forces import _Equations
+from mirdrake.vehicles import WHEELS
 from tests.ground_rigs import WHEEL_LOADS, drive
 from tests.marks import mostly_slow
 from tests.rigs import GRAVITY, coasting_car
@@ -47,6 +50,26 @@ def test_a_steady_turn_is_the_same_on_every_contact(tmp_path: Path, model: str, 
         assert end["ego.z"] == pytest.approx(ends[0]["ego.z"], abs=2e-4)
         for name in WHEEL_LOADS:
             assert end[name] == pytest.approx(ends[0][name], abs=1e-3 * weight)
+
+
+def test_each_step_is_solved_once_and_the_log_has_its_torques(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log at an update of the control unit does not make the plant solve its step twice."""
+    solved, solve = [0], _Equations._solve
+
+    def counted(system: _Equations, context: Context) -> None:
+        solved[0] += 1
+        solve(system, context)
+
+    monkeypatch.setattr(_Equations, "_solve", counted)
+    torques = {}
+    for contact in ("tyre", "point"):
+        solved[0] = 0
+        signals = drive(tmp_path, model="bolt", contact=contact, step=0.005, rows=[(0.0, 1.0, 0.1)], duration=0.5)
+        assert solved[0] == 100 + (contact == "tyre")  # a continuous plant also has forces before its first step
+        torques[contact] = signals[[f"ego.wheel_torque.{wheel}" for wheel in WHEELS]].to_numpy()
+        assert not torques[contact][0].any()  # there was no step yet
+    # Both are those of the last step. One step apart they would differ by three quarters of the largest torque.
+    assert torques["point"] == pytest.approx(torques["tyre"], abs=0.05 * np.abs(torques["tyre"]).max())
 
 
 @pytest.mark.parametrize("contact", ["point", "hydroelastic"])

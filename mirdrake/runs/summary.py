@@ -4,6 +4,7 @@ import math
 import platform
 import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,14 +57,19 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> Json:
     for name, entry in assembly.spec.systems.items():
         if entry.kind == "network":
             content[name] = assembly.diagram.GetSubsystemByName(name).sha256
-    versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
-    versions["python"] = platform.python_version()
     digest = digest_data({"spec": data, "content": content})
     # The folder is needed to find relative paths again, so it returns after the digest was computed.
     if folder is not None:
         data["folder"] = folder
-    data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
+    data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": dict(_versions())}
     return data
+
+
+@cache
+def _versions() -> Mapping[str, str]:
+    """Return the versions of the packages that compute a run; reading them takes a millisecond."""
+    packages = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
+    return packages | {"python": platform.python_version()}
 
 
 def scene_hashes(scene: Scene) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import InputPort, OutputPort, System
-from pydrake.systems.primitives import Demultiplexer, Gain, Multiplexer, PassThrough
+from pydrake.systems.primitives import Demultiplexer, Gain, Multiplexer, PassThrough, ZeroOrderHold
 
 from mirdrake.assembly.diagram_spec import SPLIT, DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
@@ -78,8 +78,7 @@ def add_vehicle_systems(
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     for own in ("state", "status"):
         wiring.name_elements(f"{name}.{own}", name)
-    torques = plant.get_net_actuation_output_port(part.instance)
-    wiring.sources[f"{name}.joint_torques"] = (torques, None)
+    wiring.sources[f"{name}.joint_torques"] = (_joint_torques(wiring, parts, part), None)
     powertrain = _add_powertrain(wiring, parts, part, control, machine_code=uses_machine_code(spec, part))
     if part.vehicle.spec.steering.rear is not None:
         _add_rear_steering(wiring, parts, part, powertrain)
@@ -143,6 +142,19 @@ def _set_points(wiring: Wiring, part: VehicleInPlant, control: System) -> Output
     wiring.add(f"{part.name}.set_points", scaled)
     wiring.link(port, scaled.get_input_port())
     return scaled.get_output_port()
+
+
+def _joint_torques(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> OutputPort:
+    """Return the torques of the actuators in the last step of the plant."""
+    port: OutputPort = parts.plant.get_net_actuation_output_port(part.instance)
+    if not solves_joints(parts.plant):  # the tyres hold them during a step
+        return port
+    # A discrete plant solves them with its contact. A log reads before the control units update; for it the plant would
+    # solve a step that is never taken, with the new state and the old command.
+    held = ZeroOrderHold(parts.plant.time_step(), port.size())
+    wiring.add(f"{part.name}.joint_torques", held)
+    wiring.link(port, held.get_input_port())
+    return held.get_output_port()
 
 
 def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> InputPort:

@@ -36,8 +36,10 @@ class WheelReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
         period: float,
     ) -> None:
         super().__init__()
-        self._ground, self._scenery = frozenset(ground), frozenset(scenery) | frozenset(ground)
-        self._tyres = frozenset(tyre for part in vehicles for tyre in part.tyres)
+        # Numbers of geometries: their ids are slower to hash.
+        self._ground = frozenset(geometry.get_value() for geometry in ground)
+        self._scenery = self._ground | {geometry.get_value() for geometry in scenery}
+        self._tyres = frozenset(tyre.get_value() for part in vehicles for tyre in part.tyres)
         self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._others = self.DeclareDiscreteState(1)
         others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
@@ -50,11 +52,12 @@ class WheelReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
         pairs = []
         for k in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(k).point_pair()
-            pairs.append((pair.id_A, pair.id_B))
+            pairs.append((pair.id_A.get_value(), pair.id_B.get_value()))
         for k in range(results.num_hydroelastic_contacts()):
             surface = results.hydroelastic_contact_info(k).contact_surface()
-            pairs.append((surface.id_M(), surface.id_N()))
-        for pair in pairs:
-            on_road = self._tyres.intersection(pair) and self._ground.intersection(pair)
-            others += not on_road and not self._scenery.issuperset(pair)
+            pairs.append((surface.id_M().get_value(), surface.id_N().get_value()))
+        tyres, ground, scenery = self._tyres, self._ground, self._scenery
+        for one, other in pairs:
+            on_road = (one in tyres and other in ground) or (other in tyres and one in ground)
+            others += not on_road and not (one in scenery and other in scenery)
         state.get_mutable_value(self._others)[:] = others
