@@ -127,6 +127,38 @@ def test_small_props_are_dots_in_the_middle_of_their_place() -> None:
     assert b - a == pytest.approx(500.0 * float(str(plan.map.get("data-scale"))), abs=0.05)
 
 
+def test_people_are_symbols_where_their_outline_would_be_too_small() -> None:
+    people = [{"prop": "pedestrian", "name": "far", "at": [90, 0]}, {"prop": "cyclist", "name": "rider", "at": [0, 0]}]
+    plan = Plan(make_world(LOT | {"props": people}))
+    assert {_title(element).partition(":")[0]: element.tag for element in plan.shapes("prop")} == dict.fromkeys(
+        ("far", "rider"), f"{SVG}g"
+    )
+    # Names begin beside the symbol, 7 px high and 3.5 px wide from its middle.
+    (symbol,) = [element for element in plan.shapes("prop") if _title(element).startswith("far")]
+    x, y = map(float, re.findall(r"[\d.]+", str(symbol.get("transform"))))
+    (name,) = [element for element in plan.map.iter(f"{SVG}text") if element.text == "far"]
+    assert (float(str(name.get("x"))), float(str(name.get("y")))) == pytest.approx((x + 3.5 + 4.0, y), abs=0.02)
+
+
+def test_a_name_above_a_prop_is_centred_on_it() -> None:
+    # Boxes at both sides leave room above only.
+    row = [{"box": [1, 1, 1], "name": name, "at": [x, 0]} for name, x in (("a", -1.2), ("middle", 0), ("b", 1.2))]
+    plan = Plan(make_world(CITY | {"props": row, "start": {"s": {"at": [60, 60]}}}))
+    (name,) = [element for element in plan.map.iter(f"{SVG}text") if element.text == "middle"]
+    assert name.get("text-anchor") == "middle"
+    x, left, scale = (float(str(plan.map.get(f"data-{key}"))) for key in ("x", "left", "scale"))
+    assert x + (float(str(name.get("x"))) - left) / scale == pytest.approx(0.0, abs=0.01)
+
+
+def test_actors_are_drawn_at_their_starts() -> None:
+    world = load_world("pedestrian_crossing")
+    plan = Plan(world)
+    (actor,) = plan.shapes("prop")
+    x, y, _ = world.actor_start(world.actors[0])
+    assert _title(actor) == f"walker: pedestrian, starts at ({x:.2f}, {y:.2f}) m"
+    assert {"walker", "1 × pedestrian", "Actors"} <= set(plan.texts())
+
+
 def test_overlaps_are_red_where_they_are() -> None:
     world = make_world(CRATES)
     overlaps = find_overlaps(world)
@@ -166,7 +198,7 @@ def test_no_name_overlaps_another_or_leaves_the_map(which: str) -> None:
     for element in plan.map.iter(f"{SVG}text"):
         x, y = float(str(element.get("x"))), float(str(element.get("y")))
         long = font.getlength("".join(element.itertext())) / 2.0
-        middle = 0.0 if element.get("text-anchor") == "middle" else long
+        middle = {"middle": 0.0, "end": -long}.get(element.get("text-anchor", ""), long)
         dy = 4.0 if element.get("dy") is None else 0.0  # on the base line
         box = shapely.box(x + middle - long, y - dy - 5.0, x + middle + long, y - dy + 5.0)
         boxes.append(shapely.affinity.rotate(box, 90, origin=(x, y)) if "transform" in element.keys() else box)  # noqa: SIM118

@@ -22,7 +22,7 @@ from mirdrake.report import write_report
 from mirdrake.report.drive import _colour_classes, draw_drive, own_track
 from mirdrake.report.figures import Curve, Panel, _limits
 from mirdrake.report.map_labels import Labels
-from mirdrake.report.map_sheet import Sheet, text_length
+from mirdrake.report.map_sheet import Sheet
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import VehicleSignals, _plan_loads, make_charts
@@ -543,14 +543,12 @@ def test_loads_below_1_kn_are_in_newtons(scale, unit):
 
 def test_labels_are_beside_props_if_there_is_room():
     place = (196.0, 146.0, 204.0, 154.0)
-    for prop, left in (
-        ((900.0, 0.0, 901.0, 1.0), 208.0),
-        ((204.0, 140.0, 260.0, 160.0), 192.0 - text_length("end", 12.0)),
-    ):
+    for prop, x, at_end in (((900.0, 0.0, 901.0, 1.0), 208.0, False), ((204.0, 140.0, 260.0, 160.0), 192.0, True)):
         labels = Labels(Sheet((0.0, 0.0), 10.0, (400.0, 300.0)))
         labels.avoid_prop(prop)
         assert labels.write_beside([place], "end")  # to the right of the place, else to its left
-        assert f'x="{left:.2f}"' in labels.elements[0]
+        assert f'x="{x:.2f}"' in labels.elements[0]
+        assert ('text-anchor="end"' in labels.elements[0]) == at_end
     labels = Labels(Sheet((0.0, 0.0), 10.0, (400.0, 300.0)))
     labels.avoid_prop((0.0, 0.0, 400.0, 300.0))
     assert labels.write_beside([place], "end")  # better over a prop than nowhere

@@ -25,12 +25,6 @@ def actors_of(world: World, entry: int) -> list[Actor | FullActor]:
     return [by_name[spec.name] for spec, number in specs if number == entry]
 
 
-def pose_of(world: World, actor: Actor | FullActor) -> tuple[float, float, float]:
-    """Return x [m], y [m] and yaw [rad] of the frame of an actor at the start."""
-    x, y, yaw = world.lanes[actor.lane].pose(actor.s, actor.offset)
-    return float(x), float(y), float(yaw)
-
-
 class _Placed(Shape):
     """A place on a lane, with `s` and `offset`."""
 
@@ -54,7 +48,7 @@ class _Placed(Shape):
                 changes += self._set(max(-room, min(room, offset)), "offset")
             return changes
 
-        x, y, _ = pose_of(self.world, first)
+        x, y, _ = self.world.actor_start(first)
         yield Handle(BODY, x, y, move)
 
     def _station(self, x: float, y: float) -> float:
@@ -82,7 +76,7 @@ class _Row(_Placed):
         actors = actors_of(self.world, int(self.path[1]))
         if len(actors) < 2:
             return
-        x, y, _ = pose_of(self.world, actors[1])
+        x, y, _ = self.world.actor_start(actors[1])
         # A spacing that is an expression or a random draw cannot be dragged: the pointer would replace it by a number.
         begin = plain_number(self._part("s") or 0.0, "m")
         raw = self._part("spacing")
@@ -152,7 +146,7 @@ def _trigger(
     path: Path, raw: Any, condition: Condition, actor: Actor | FullActor, world: World, name: str
 ) -> tuple[Handle, Outline] | None:
     """Return the handle and the outline of a condition that has a place; None for others."""
-    x, y, _ = pose_of(world, actor)
+    x, y, _ = world.actor_start(actor)
     # Stations beside the track make no sense: the mark is as wide as the road, and the pointer is projected on the
     # track.
     if condition.kind == "past" and condition.track in world.tracks:

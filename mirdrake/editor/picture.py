@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
 from mirdrake.core.yaml_items import find_span, source_of
-from mirdrake.editor.actors import pose_of
 from mirdrake.editor.elements import Element
 from mirdrake.editor.marks import Mark
 from mirdrake.editor.scene import Scene, prop_key
@@ -74,7 +73,7 @@ def view_of(world: World) -> tuple[float, float, float, float]:
     boxes += [patch.area.bounds for patch in world.patches]
     # Starts are points; a margin makes their vehicles visible.
     boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
-    boxes += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y, _ in (pose_of(world, actor) for actor in world.moving)]
+    boxes += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y, _ in (world.actor_start(actor) for actor in world.moving)]
     boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
     low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
     # A small world is not enlarged beyond 30 m across.
@@ -126,10 +125,10 @@ def _prop(placed: PlacedProp) -> Json:
 def _actors(world: World) -> Iterator[Json]:
     entries = {spec.name: entry for spec, entry in zip(world.spec.actors, world.actor_entries, strict=True)}
     for actor in world.actors:
-        placed = actor.placed(*pose_of(world, actor))
+        placed = actor.placed(*world.actor_start(actor))
         yield {**_prop(replace(placed, order=(entries[actor.name],))), "key": f"actors/{entries[actor.name]}"}
     for full in world.full_actors:
-        x, y, yaw = pose_of(world, full)
+        x, y, yaw = world.actor_start(full)
         yield {
             "name": full.name, "kind": full.model, "key": f"actors/{entries[full.name]}",
             "d": path_of(full.area(x, y, yaw)), "x": round(x, 4), "y": round(y, 4), "yaw": round(yaw, 5),

@@ -35,6 +35,7 @@ from pydrake.multibody.tree import (
     RevoluteJoint,
     SpatialInertia,
 )
+from pydrake.systems.framework import Context
 
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.obstacles import contact_material, looks
@@ -174,6 +175,16 @@ def add_actors(scene_graph: SceneGraph, world: World, bodies: ActorsInScene | No
     upright = frozenset(actor.name for actor in world.actors if actor.walks)
     terrain = world.ground.terrain
     return replace(bodies, source=source, frames=frames, geometries=geometries, terrain=terrain, upright=upright)
+
+
+def fix_at_start(scene_graph: SceneGraph, actors: ActorsInScene, world: World, context: Context) -> None:
+    """Fix the poses of the actors in a context of the whole diagram at their starts, for pictures of a world."""
+    if actors.source is None:
+        return
+    starts = {actor.name: world.actor_start(actor) for actor in world.actors}
+    port = scene_graph.get_source_pose_port(actors.source)
+    planar = np.array([starts[name] for name in actors.frames])
+    port.FixValue(scene_graph.GetMyMutableContextFromRoot(context), actors.poses(planar))
 
 
 def _add_looks(scene_graph: SceneGraph, source: SourceId, frame: FrameId, actor: Actor) -> list[GeometryId]:

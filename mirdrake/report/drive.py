@@ -10,11 +10,12 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from mirdrake.report.drive_layers import DrivenLine, Place, centre_lines, driven_lines, marks, place_circle
+from mirdrake.report.map_props import props
 from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import format_quantity, format_time
-from mirdrake.report.world_map import draw_figure, props, signals, surfaces
+from mirdrake.report.world_map import draw_figure, signals, surfaces
 from mirdrake.worlds import Track, World, make_world
 
 ACTOR_COLOUR = "muted"

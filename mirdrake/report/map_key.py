@@ -1,6 +1,7 @@
 """The key of a plan: surfaces with their friction, kinds of props, starts, goals, overlaps."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -73,6 +74,10 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     fills = {kind: list(dict.fromkeys(map(fill_of, members)))[:4] for kind, members in kinds.items()}
     props = [_Row(fills[kind], f"{len(members)} × {kind}") for kind, members in kinds.items()]
 
+    count = Counter([actor.prop.name for actor in world.actors] + [full.model for full in world.full_actors])
+    colours = {actor.prop.name: fill_of(actor.placed(0.0, 0.0, 0.0)) for actor in world.actors}
+    moving = [_Row([colours.get(kind, DOCUMENT.vehicle)], f"{number} × {kind}") for kind, number in count.items()]
+
     # Symbols as on the map: the key shows what a colour and a dashed line mean.
     places = [_Row([DOCUMENT.start], f"start {name}") for name in world.starts]
     for name, goal in world.goals.items():
@@ -82,6 +87,7 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     sections = [
         ("Ground", surfaces),
         ("Props", props),
+        ("Actors", moving),
         ("Starts and goals", places),
         (f"Overlaps: {len(overlaps)}", alarms),
     ]

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.report.map_props import prop_box
 from mirdrake.report.map_sheet import (
     DOCUMENT,
     INK,
@@ -106,31 +107,38 @@ class Labels:
         for x0, y0, x1, y1 in boxes:
             x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
             for gap in (4.0, 14.0):
-                for left, top in (
-                    (x1 + gap, y - high / 2.0), (x - long / 2.0, y0 - gap - high), (x - long / 2.0, y1 + gap),
-                    (x0 - gap - long, y - high / 2.0), (x1 + gap / 2.0, y0 - gap / 2.0 - high),
-                    (x1 + gap / 2.0, y1 + gap / 2.0), (x0 - gap / 2.0 - long, y0 - gap / 2.0 - high),
-                    (x0 - gap / 2.0 - long, y1 + gap / 2.0),
+                # The anchor is the end of the text at the labelled object: texts are shorter than they are measured.
+                for left, top, anchor in (
+                    (x1 + gap, y - high / 2.0, "start"), (x - long / 2.0, y0 - gap - high, "middle"),
+                    (x - long / 2.0, y1 + gap, "middle"), (x0 - gap - long, y - high / 2.0, "end"),
+                    (x1 + gap / 2.0, y0 - gap / 2.0 - high, "start"), (x1 + gap / 2.0, y1 + gap / 2.0, "start"),
+                    (x0 - gap / 2.0 - long, y0 - gap / 2.0 - high, "end"),
+                    (x0 - gap / 2.0 - long, y1 + gap / 2.0, "end"),
                 ):  # fmt: skip
                     box = (left, top, left + long, top + high)
                     if not all(self._free(box, taken) for taken in avoided):
                         continue
-                    if self._write(left, top, (long, high), text, color, weight):
+                    if self._write(left, top, (long, high), text, color, weight, anchor):
                         return True
         return False
 
     def write_at(self, point: Array, text: str) -> bool:
         """Write a label centred at a point of the picture, if there is room."""
         long, high = text_length(text, 12.0), 15.0
-        return self._write(float(point[0]) - long / 2.0, float(point[1]) - high / 2.0, (long, high), text, INK, 400)
+        left, top = float(point[0]) - long / 2.0, float(point[1]) - high / 2.0
+        return self._write(left, top, (long, high), text, INK, 400, "middle")
 
-    def _write(self, left: float, top: float, size: tuple[float, float], text: str, color: str, weight: int) -> bool:
+    def _write(
+        self, left: float, top: float, size: tuple[float, float], text: str, color: str, weight: int, anchor: str
+    ) -> bool:
         box = (left - 1.0, top, left + size[0] + 1.0, top + size[1])
         if not (self._free(box, self._texts) and self._free(box, self._things)):
             return False
         self._texts.add(box)
-        middle = top + size[1] / 2.0
-        self.elements.append(text_tag(left, middle, text, color=color, weight=weight, middle=True, halo=self._paper))
+        x, middle = left + {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * size[0], top + size[1] / 2.0
+        self.elements.append(
+            text_tag(x, middle, text, color=color, weight=weight, anchor=anchor, middle=True, halo=self._paper)
+        )
         return True
 
     def _free(self, box: Box, taken: "_Boxes") -> bool:
@@ -212,10 +220,10 @@ def _spots(sheet: Sheet, area: BaseGeometry) -> list[tuple[Array, float]]:
 
 
 def label_props(sheet: Sheet, world: World, labels: Labels) -> None:
-    """Write names inside props where they fit, otherwise the name of a series or group once."""
+    """Write names inside props and actors where they fit, otherwise the name of a series or group once."""
     groups: dict[str, list[PlacedProp]] = {}
     series: dict[str, list[PlacedProp]] = {}
-    for placed in world.props:
+    for placed in [*world.props, *(actor.placed(*world.actor_start(actor)) for actor in world.actors)]:
         if "." in placed.name:
             groups.setdefault(placed.name.partition(".")[0], []).append(placed)
         series.setdefault(re.sub(r"\[\d+\]$", "", placed.name), []).append(placed)
@@ -233,6 +241,8 @@ def label_props(sheet: Sheet, world: World, labels: Labels) -> None:
                 labels.write_beside(_near(sheet, members), text)
     for name, members in groups.items():
         labels.write_beside(_near(sheet, members), name, weight=700)
+    for vehicle in world.full_actors:
+        labels.write_beside([sheet.bounds(vehicle.area(*world.actor_start(vehicle)))], vehicle.name)
 
 
 def _write_all(labels: Labels, members: Sequence[PlacedProp], texts: Sequence[str]) -> bool:
@@ -249,7 +259,7 @@ def _write_all(labels: Labels, members: Sequence[PlacedProp], texts: Sequence[st
 
 def _near(sheet: Sheet, members: Sequence[PlacedProp]) -> list[Box]:
     """Return boxes for a common label of props: those of the first few, and the box around all."""
-    boxes = [sheet.bounds(placed.footprint) for placed in members]
+    boxes = [prop_box(placed, sheet) for placed in members]
     table = np.array(boxes)
     (x0, y0), (x1, y1) = table[:, :2].min(axis=0).tolist(), table[:, 2:].max(axis=0).tolist()
     return [*boxes[:20], (x0, y0, x1, y1)]

@@ -5,7 +5,8 @@ The element with the class ``map`` states how a point of W becomes a point of th
 
 ::
 
-    World ── draw_world ──► ground, props, goals, starts    world_map.py
+    World ── draw_world ──► ground, goals, starts           world_map.py
+    props, actors ──► outlines and symbols                  map_props.py
     Labels ──► names without overlaps                       map_labels.py
     draw_key ──► rows at the right side                     map_key.py
     draw_plan ──► frame, grid, axes, and all of these       here
@@ -22,12 +23,12 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.wording import plural
 from mirdrake.report.map_key import draw_key
 from mirdrake.report.map_labels import Labels, label_patches, label_props, label_tracks
+from mirdrake.report.map_props import actors, prop_box, props
 from mirdrake.report.map_sheet import DOCUMENT, INK, MUTED, Palette, Sheet, line_tag, text_tag
 from mirdrake.report.world_map import (
     Overlap,
     draw_world,
     overlap_areas,
-    props,
     round_down,
     signals,
     start_arrow,
@@ -74,7 +75,7 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
     """
     # The sheet is at least as wide as the key needs; the picture keeps the aspect ratio of the world.
     sheet = _make_sheet(world, max(width, _LEFT + _LEAST + _SIDE))
-    layers = [surfaces, _grid, signals, props, overlap_areas(overlaps), starts]
+    layers = [surfaces, _grid, signals, props, overlap_areas(overlaps), actors, starts]
     body = draw_world(world, sheet, DOCUMENT, layers)
     bar, ticks = _draw_scale(sheet), _draw_ticks(sheet)
     labels = _make_labels(world, sheet, overlaps)
@@ -128,6 +129,7 @@ def _contents(world: World) -> list[BaseGeometry]:
     areas += [road.area for road in world.road_areas if not road.is_track]
     areas += [patch.area for patch in world.patches] + [placed.footprint for placed in world.props]
     areas += [goal.area for goal in world.goals.values() if goal.area is not None]
+    areas += [shapely.Point(*world.actor_start(actor)[:2]) for actor in world.moving]
     return areas + [shapely.Point(start.x, start.y) for start in world.starts.values()]
 
 
@@ -161,7 +163,11 @@ def _make_labels(world: World, sheet: Sheet, overlaps: Sequence[Overlap]) -> Lab
     labels.block((left - 6.0, bottom - 40.0, left + length + 6.0, bottom - 8.0), text=True)
     labels.block((right - 8.0, bottom - 74.0, right + 54.0, bottom - 8.0), text=True)
     for placed in world.props:
-        labels.block(sheet.bounds(placed.footprint))
+        labels.block(prop_box(placed, sheet))
+    for actor in world.actors:
+        labels.block(prop_box(actor.placed(*world.actor_start(actor)), sheet))
+    for full in world.full_actors:
+        labels.block(sheet.bounds(full.area(*world.actor_start(full))))
     # Positions of roads are known only by points along them.
     label_patches(sheet, world, labels)
     for track in world.roads().values():
@@ -234,4 +240,5 @@ def _subtitle(world: World) -> str:
     for key, value in list(world.spec.params.items())[:5]:
         facts.append(f"{key} = {value:.6g}" if isinstance(value, int | float) else f"{key} = {value}")
     facts.append(plural(len(world.props), "prop"))
+    facts += [plural(len(world.moving), "actor")] if world.moving else []
     return "  ·  ".join([*facts, f"ground {xmax - xmin:.4g} m × {ymax - ymin:.4g} m"])

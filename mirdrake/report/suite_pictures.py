@@ -7,9 +7,10 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from mirdrake.report.drive_layers import DrivenLine, VehicleOutline, driven_lines, vehicles
+from mirdrake.report.map_props import props
 from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.words import format_quantity
-from mirdrake.report.world_map import Layer, draw_figure, props, signals, surfaces
+from mirdrake.report.world_map import Layer, draw_figure, signals, surfaces
 from mirdrake.suites.trace import MarginCurve, Trace
 from mirdrake.worlds import World
 

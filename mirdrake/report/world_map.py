@@ -4,7 +4,8 @@
 
     World, Sheet, Palette ── draw_world ──► elements of SVG, layer by layer
 
-    surfaces, props, starts, overlaps            of the world; here
+    surfaces, signals, starts, overlaps          of the world; here
+    props, actors                                of the world; map_props.py
     driven lines, vehicles, marked places        of a run; drive_layers.py
     frame, grid, names, key                      of a plan that is a file of its own; plan.py
 
@@ -19,7 +20,7 @@ from markupsafe import Markup, escape
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.report.map_sheet import Box, Palette, Sheet, friction_label, line_tag, shape_tag, text_tag
-from mirdrake.worlds import PlacedProp, World
+from mirdrake.worlds import World
 from mirdrake.worlds.drawing import DrawnArea, DrawnLine, make_drawing
 
 Overlap = tuple[str, str, BaseGeometry]
@@ -35,8 +36,6 @@ _SIGNAL_SHAPES = {
     "stop": '<path d="M-2.5 -6h5L6 -2.5v5L2.5 6h-5L-6 2.5v-5Z" fill="#dc2626" stroke="#fff"/>',
     "yield": '<path d="M-6 -5H6L0 5.5Z" fill="#fff" stroke="#dc2626" stroke-width="2"/>',
 }
-_FACING = {"sedan", "van", "pedestrian", "cyclist"}  # kinds of props with a front
-_SMALL = 6.0  # [px] smaller props are dots
 
 
 def draw_world(world: World, sheet: Sheet, palette: Palette, layers: Sequence[Layer]) -> str:
@@ -136,54 +135,6 @@ def signals(world: World, sheet: Sheet, _: Palette) -> Iterable[str]:
         x, y = sheet.place([[signal.x, signal.y]])[0].tolist()
         title = f"<title>{escape(signal.kind)} {escape(signal.name)}</title>"
         yield f'<g class="signal" transform="translate({x:.2f} {y:.2f})">{title}{_SIGNAL_SHAPES[signal.kind]}</g>'
-
-
-def props(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
-    """Draw props, higher ones on top, small ones as dots."""
-    # Props of one colour share an element where none needs a tooltip: a forest is drawn a hundred times in a suite.
-    shared: dict[str, list[str]] = {}
-    for placed in sorted(world.props, key=lambda placed: placed.top):
-        # Small props would be invisible in a large world: they become dots of a minimum size.
-        fill = palette.prop(placed)
-        x0, y0, x1, y1 = sheet.bounds(placed.footprint)
-        small = max(x1 - x0, y1 - y0) < _SMALL
-        x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
-        if not palette.detailed:
-            radius = max(1.4, (x1 - x0) / 2.0)
-            dot = f"M{x - radius:.1f} {y:.1f}a{radius:.1f} {radius:.1f} 0 1 0 {2 * radius:.1f} 0a{radius:.1f} "
-            dot += f"{radius:.1f} 0 1 0 {-2 * radius:.1f} 0Z"
-            # Only what is in the picture is written, as a world may have thousands of trees.
-            visible = x1 > 0.0 and x0 < sheet.width and y1 > 0.0 and y0 < sheet.height
-            if visible:
-                shared.setdefault(fill, []).append(dot if small else sheet.path(placed.footprint))
-        elif small:
-            yield (
-                f'<circle class="prop" cx="{x:.2f}" cy="{y:.2f}" r="3.2" fill="{fill}" stroke="{palette.edge(fill)}">'
-                f"<title>{escape(_prop_title(placed))}</title></circle>"
-            )
-        else:
-            edge, title = palette.edge(fill), _prop_title(placed)
-            yield shape_tag(sheet.path(placed.footprint), fill, stroke=edge, title=title, kind="prop")
-            yield _front(placed, sheet, edge)
-    for fill, paths in shared.items():
-        thin = 'stroke-width="0.6"'
-        yield shape_tag("".join(paths), fill, stroke=palette.edge(fill), kind="prop", more=thin)
-
-
-def _prop_title(placed: PlacedProp) -> str:
-    x, y, _ = placed.X_WP.translation()
-    movable = "" if placed.static else ", can be knocked over"
-    return f"{placed.name}: {placed.prop.name} at ({x:.2f}, {y:.2f}) m, {placed.top:.2f} m high{movable}"
-
-
-def _front(placed: PlacedProp, sheet: Sheet, color: str) -> str:
-    """Draw a triangle at the front of a vehicle or a pedestrian."""
-    length, width, _ = placed.prop.size
-    if placed.prop.name not in _FACING or length * sheet.scale <= 4.0:
-        return ""
-    triangle = np.array([[0.5, 0.0, 0.0], [0.32, 0.42, 0.0], [0.32, -0.42, 0.0]]) * [length, width, 0.0]
-    points = [(placed.X_WP @ point)[:2] for point in triangle]
-    return f'<path d="{sheet.line(points, closed=True)}" fill="{color}" fill-opacity="0.75"/>'
 
 
 def overlap_areas(overlaps: Sequence[Overlap]) -> Layer:

@@ -1,10 +1,13 @@
 """Meshcat on this machine only, with sky, sun and cameras for vehicles."""
 
+import math
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import cos, exp, pi, sin
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
 
@@ -15,11 +18,16 @@ from mirdrake.viewer.server import PageServer
 from mirdrake.worlds import World
 from mirdrake.worlds.scenery import set_sky
 
+Array = NDArray[np.float64]
+
 WORLD_PATH, LIGHTS_PATH = "/drake", "/Lights"
 """Paths of the world and the lights in Meshcat's scene tree."""
 
 SHADOWS = 16.0
 """Half the side of the square around the followed vehicle in which shadows are drawn [m]."""
+
+_ELEVATION, _ASPECT = math.radians(48.0), 1.5  # of the camera above a world, and of the window
+_FIELD_OF_VIEW = math.radians(75.0)  # of Meshcat, vertical
 
 
 def make_meshcat(
@@ -160,12 +168,34 @@ def cast_shadows(meshcat: Meshcat, world: World) -> None:
     meshcat.SetProperty(sun, "castShadow", True)
 
 
+def content_bounds(world: World) -> tuple[Array, Array]:
+    """Return the smallest and largest x, y of everything on the ground of a world [m], else those of the ground."""
+    boxes = [placed.footprint.bounds for placed in world.props]
+    boxes += [track.bounds for track in world.tracks.values()]
+    boxes += [] if world.network is None else [world.network.bounds]
+    boxes += [patch.area.bounds for patch in world.patches]
+    boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
+    # A start alone, at the origin, is in every world.
+    if not boxes:
+        boxes.append(world.ground.extent)
+    boxes += [(start.x, start.y, start.x, start.y) for start in world.starts.values()]
+    boxes += [(x, y, x, y) for x, y, _ in map(world.actor_start, world.moving)]
+    table = np.array(boxes, dtype=float)
+    return table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
+
+
 def overlook(meshcat: Meshcat, world: World) -> None:
-    """Place the camera above the south side of a world, with the whole world in view."""
-    left, south, right, north = world.ground.extent
-    size = max(right - left, north - south)
-    x, y = 0.5 * (left + right), 0.5 * (south + north)
-    meshcat.SetCameraPose([x, y - 0.3 * size, 0.32 * size], [x, y, 0.0])
+    """Place the camera above the south side of a world, as near as everything stays in view."""
+    low, high = content_bounds(world)
+    middle, (long, wide) = 0.5 * (low + high), np.maximum(0.5 * (high - low), 4.0).tolist()
+    corners = np.array([[sx * long, sy * wide, z] for sx in (-1, 1) for sy in (-1, 1) for z in (0.0, 4.0)])
+    c, s = math.cos(_ELEVATION), math.sin(_ELEVATION)
+    # Coordinates of the corners upwards and towards the viewer; perspective divides by the distance from the viewer.
+    up, near = corners @ [0.0, s, c], corners @ [0.0, -c, s]
+    limit = 0.88 * math.tan(0.5 * _FIELD_OF_VIEW)
+    distance = float((near + np.maximum(np.abs(up) / limit, np.abs(corners[:, 0]) / (limit * _ASPECT))).max())
+    x, y = middle.tolist()
+    meshcat.SetCameraPose([x, y - c * distance, s * distance], [x, y, 0.0])
 
 
 class ChaseCamera:

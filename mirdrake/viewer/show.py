@@ -9,6 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from mirdrake.assembly.diagram import DRAWING_PERIOD, DiagramSpec, assemble
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.files import write_file
+from mirdrake.plant.actors import add_actors, fix_at_start
 from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, overlook, place_camera
 from mirdrake.viewer.pages import with_title
@@ -23,11 +24,14 @@ def show_world(world: World, meshcat: Meshcat, *, camera: bool = True) -> Diagra
     """Show a world, from above unless the camera is to stay where it is."""
     builder = DiagramBuilder()
     parts = make_plant(builder, world, {})
+    actors = add_actors(parts.scene_graph, world)
     MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
     diagram = builder.Build()
     if camera:
         overlook(meshcat, world)
-    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    context = diagram.CreateDefaultContext()
+    fix_at_start(parts.scene_graph, actors, world, context)
+    diagram.ForcedPublish(context)
     return diagram
 
 

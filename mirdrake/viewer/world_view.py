@@ -1,7 +1,7 @@
 """A world in Meshcat with the findings of its check: overlaps in red, starts, goals, paths, names, collision shapes.
 
 In the scene tree, below ``drake``, are ``visualizer`` (visual shapes), ``collision`` (collision shapes), and ``names``,
-``faults``, ``starts``, ``goals``, ``paths``; each can be shown and hidden there, also in a saved page.
+``actors``, ``faults``, ``starts``, ``goals``, ``paths``; each can be shown and hidden there, also in a saved page.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
+    Box,
     Cylinder,
     InMemoryMesh,
     Mesh,
@@ -28,28 +29,30 @@ from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.meshes import Primitive, gltf_text, pbr_material
+from mirdrake.plant.actors import add_actors, fix_at_start
 from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.controls import LayerButtons, follow_controls
-from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
+from mirdrake.viewer.meshcat import WORLD_PATH, content_bounds, make_meshcat, make_offline_meshcat, overlook
 from mirdrake.viewer.pages import data_address
 from mirdrake.viewer.vehicle_view import SHAPE_COLOUR
 from mirdrake.world_checks import Examination, Fault
 from mirdrake.world_checks.paths import goal_area
-from mirdrake.worlds import World
-from mirdrake.worlds.meshes import Array, fill
+from mirdrake.worlds.meshes import fill
 
 LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Paths": "KeyP"}
 """Buttons in Meshcat's controls, and their keys."""
 
 
-_RED, _GREEN, _BLUE, _VIOLET = (
+_RED, _GREEN, _BLUE, _VIOLET, _MAGENTA = (
     Rgba(0.95, 0.05, 0.05, 0.75),
     Rgba(0.05, 0.62, 0.20, 1.0),
     Rgba(0.10, 0.40, 0.95, 0.45),
     Rgba(0.45, 0.15, 0.85, 0.9),
+    Rgba(0.93, 0.20, 0.60, 0.9),
 )
 _MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
 _MOST_NAMES = 400  # labels; more of them cannot be read, and are slow
+_PEOPLE, _PERSON = {"pedestrian", "cyclist"}, 0.02  # least height of their symbol over the size of the world
 _RIBBON = 0.15  # [m] width of a path
 
 
@@ -66,9 +69,9 @@ class WorldView:
     def __init__(self, meshcat: Meshcat, check: Examination, *, collision: bool = False, names: bool = True) -> None:
         assert check.world is not None
         self._meshcat, self.world = meshcat, check.world
-        self._low, self._high = _extent(check.world)
+        low, high = content_bounds(check.world)
         # Small worlds still get labels and arrows of a size that can be read.
-        self._size = max(float((self._high - self._low).max()), 8.0)
+        self._size = max(float((high - low).max()), 8.0)
         self._draw_props()
         self._draw_names()
         for number, fault in enumerate(fault for fault in check.faults if fault.kind in _MARKED):
@@ -82,7 +85,7 @@ class WorldView:
         paths = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Paths": "paths"}
         self._layers = LayerButtons(meshcat, LAYERS, shown, {name: _path(path) for name, path in paths.items()})
         self._layers.apply()
-        self._look()
+        overlook(meshcat, check.world)
 
     @property
     def shown(self) -> dict[str, bool]:
@@ -99,27 +102,54 @@ class WorldView:
             follow_controls(self._meshcat, self.follow, timeout=timeout)
 
     def _draw_props(self) -> None:
-        """Draw scenery, props and collision shapes."""
+        """Draw scenery, props, actors at their starts, and collision shapes."""
         builder = DiagramBuilder()
         parts = make_plant(builder, self.world, {})
+        actors = add_actors(parts.scene_graph, self.world)
         MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, self._meshcat)
         shapes = MeshcatVisualizerParams(role=Role.kProximity, prefix="collision", default_color=SHAPE_COLOUR)
         MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, self._meshcat, shapes).set_name("collision shapes")
         diagram = builder.Build()
         context = diagram.CreateDefaultContext()
         parts.props.reset(parts.plant, parts.plant.GetMyMutableContextFromRoot(context))
+        fix_at_start(parts.scene_graph, actors, self.world, context)
         diagram.ForcedPublish(context)
+        # The vehicle of a full actor is loaded only by a simulation; here it is a box of the size of a car.
+        for full in self.world.full_actors:
+            x, y, yaw = self.world.actor_start(full)
+            path, height = _path("actors", full.name), 1.5
+            self._meshcat.SetObject(path, Box(full.length, 2.0 * full.half_width, height), _BLUE)
+            middle = full.area(x, y, yaw).centroid
+            X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [middle.x, middle.y, 0.5 * height])
+            self._meshcat.SetTransform(path, X_WB)
 
     def _draw_names(self) -> None:
-        """Draw a label above each prop, tilted towards the camera in the south."""
-        for placed in self.world.props[:_MOST_NAMES]:
+        """Draw a label above each prop and actor, tilted towards the camera in the south, and symbols of people."""
+        world = self.world
+        actors = [actor.placed(*world.actor_start(actor)) for actor in world.actors]
+        for placed in [*world.props, *actors][:_MOST_NAMES]:
             xmin, ymin, xmax, ymax = placed.footprint.bounds
+            x, y, top = 0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0)
+            if placed.prop.name in _PEOPLE and top < _PERSON * self._size:
+                top = _PERSON * self._size
+                self._draw_person(placed.name, x, y, top)
             # Readable in large worlds, but not larger than the prop is wide.
-            height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.018 * self._size), 0.03 * self._size)
-            position = [0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0) + 0.7 * height]
+            height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.014 * self._size), 0.026 * self._size)
             path = _path("names", placed.name)
             self._meshcat.SetObject(path, Mesh(_label(placed.name), height))
+            position = [x, y, top + 0.7 * height]
             self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), position))
+
+    def _draw_person(self, name: str, x: float, y: float, height: float) -> None:
+        """Draw the symbol of a person, which is visible from far away: a cone and a head."""
+        # Beside the label: a path below it would be moved with it.
+        base, head = _path("names", f"{name} (symbol)"), 0.2 * height
+        self._meshcat.SetObject(f"{base}/body", MeshcatCone(0.75 * height, 0.22 * height, 0.22 * height), _MAGENTA)
+        # The tip of Meshcat's cone is its origin, and its axis is z.
+        tip = RigidTransform(RollPitchYaw(math.pi, 0.0, 0.0), [x, y, 0.75 * height])
+        self._meshcat.SetTransform(f"{base}/body", tip)
+        self._meshcat.SetObject(f"{base}/head", Sphere(head), _MAGENTA)
+        self._meshcat.SetTransform(f"{base}/head", RigidTransform([x, y, height - head]))
 
     def _draw_fault(self, number: int, fault: Fault) -> None:
         """Draw a fault in red: the overlapping area at its height, and a needle that is visible from far away."""
@@ -173,11 +203,6 @@ class WorldView:
         faces = np.asfortranarray(surface.triangles.T.astype(np.int32))
         self._meshcat.SetTriangleMesh(_path(path), vertices, faces, colour, side=Meshcat.SideOfFaceToRender.kDoubleSide)
 
-    def _look(self) -> None:
-        """Place the camera above the south side, with everything in view."""
-        x, y = (0.5 * (self._low + self._high)).tolist()
-        self._meshcat.SetCameraPose([x, y - 0.45 * self._size, 0.5 * self._size], [x, y, 0.0])
-
 
 def show_examination(
     check: Examination,
@@ -204,17 +229,6 @@ def show_examination(
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
-
-
-def _extent(world: World) -> tuple[Array, Array]:
-    """Return the smallest and largest x, y of props, starts, goals and tracks of a world [m]."""
-    boxes = [placed.footprint.bounds for placed in world.props]
-    boxes += [(start.x, start.y, start.x, start.y) for start in world.starts.values()]
-    boxes += [area.bounds for name in world.goals if (area := goal_area(world, name)) is not None]
-    boxes += [track.bounds for track in world.tracks.values()]
-    boxes += [] if world.network is None else [world.network.bounds]
-    table = np.array(boxes, dtype=float)
-    return table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
 
 
 def _path(*names: str) -> str:

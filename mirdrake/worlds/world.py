@@ -192,6 +192,11 @@ class World:
         """All actors, the full vehicles among them last."""
         return (*self.actors, *self.full_actors)
 
+    def actor_start(self, actor: Actor | FullActor) -> tuple[float, float, float]:
+        """Return x [m], y [m] and yaw [rad] of frame A of an actor at the start."""
+        x, y, yaw = self.lanes[actor.lane].pose(actor.s, actor.offset)
+        return float(x), float(y), float(yaw)
+
     @cached_property
     def ways(self) -> tuple[Way, ...]:
         """Ways through the junctions of the network, also those of tracks along its lanes; none without a network."""

@@ -13,7 +13,6 @@ function picture(tile) {
     return icon;
   }
   const image = new Image(56, 40);
-  image.loading = "lazy";
   image.draggable = false;
   image.alt = "";
   image.src = `palette/${tile.what}/${encodeURIComponent(tile.name)}.png`;
