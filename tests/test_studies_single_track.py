@@ -4,6 +4,7 @@ import pickle
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ def test_rows_do_not_depend_on_shards_and_a_stopped_study_continues(
     monkeypatch.setattr(single_track, "LARGEST", 3)
     first = single_track.run_shard
 
-    def stop_after_one(shard: single_track.Shard) -> Any:
+    def stop_after_one(shard: single_track.BatchShard) -> Any:
         if shard.number:
             raise KeyboardInterrupt
         return first(shard)
@@ -122,9 +123,7 @@ def test_constant_commands_and_schedules() -> None:
 def test_a_value_out_of_range_fails_the_runs_of_its_shard() -> None:
     plan = make_plan(make_study(study()))
     (shard,) = single_track.make_shards(plan)
-    outcomes = single_track.run_shard(
-        single_track.Shard(0, 7, shard.diagram, {"ego.mass_scale": [-1.0, 1.0]}, shard.metrics, 1.0)
-    )
+    outcomes = single_track.run_shard(replace(shard, first=7, columns={"ego.mass_scale": [-1.0, 1.0]}, duration=1.0))
     assert [(outcome.index, outcome.status) for outcome in outcomes] == [(7, "failed"), (8, "failed")]
     assert "mass" in outcomes[0].reason
 

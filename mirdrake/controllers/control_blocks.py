@@ -19,7 +19,7 @@ from mirdrake.controllers.command import NO_COMMAND_LIMITS, CommandLimits, Comma
 from mirdrake.controllers.control_step import forward_speed
 from mirdrake.controllers.cruise import CRUISE_GAINS, CRUISE_LIMITS, cruise_step, wheel_speed_setpoints
 from mirdrake.core.checks import check_number
-from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.leaf_system import LeafSystem, weak_callback
 from mirdrake.core.pid import PidGains, PidLimits, PidState
 from mirdrake.core.signals import (
     Signal,
@@ -42,22 +42,29 @@ class ControlBlock(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         period: time between updates [s].
         memory: memory before the first update; empty: the block has none.
+        restarts: whether a simulation begins with this memory, instead of that in its Context.
 
     Raises:
         ConfigError: the period is not positive.
     """
 
-    def __init__(self, period: float, memory: Sequence[float] = ()) -> None:
+    def __init__(self, period: float, memory: Sequence[float] = (), *, restarts: bool = False) -> None:
         super().__init__()
         self.period = check_number(type(self).__name__, "period", period, unit="s", above=0.0)
         self._memory: Any = None
+        self._start = list(memory)
         if memory:
-            self._memory = self.DeclareDiscreteState(list(memory))
+            self._memory = self.DeclareDiscreteState(self._start)
             self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
+        if restarts:
+            self.DeclareInitializationDiscreteUpdateEvent(self._restart)
 
     @abstractmethod
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         """Return the memory after one period, and the outputs now."""
+
+    def _restart(self, context: Context, state: DiscreteValues) -> None:  # noqa: ARG002
+        state.set_value(self._memory, self._start)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         state.set_value(self._memory, self._step(context)[0])
@@ -70,11 +77,23 @@ class ControlBlock(LeafSystem):  # type: ignore[misc, unused-ignore]
         return declare_vector_input(self, name, contents)
 
     def _output(
-        self, name: str, contents: Sequence[Signal], calc: Callable[..., None], *inputs: InputPort
+        self, name: str, contents: Sequence[Signal], calc: Callable[..., None], *inputs: InputPort, timed: bool = False
     ) -> OutputPort:
-        """Declare an output that depends on these inputs, the memory, the time and the parameters."""
+        """Declare an output that depends on these inputs, the memory and the parameters; `timed`: also on the time."""
         needs = {port.ticket() for port in inputs} | {self.xd_ticket(), self.all_parameters_ticket()}
+        needs |= {self.time_ticket()} if timed else set()
         return declare_vector_output(self, name, contents, calc, prerequisites=needs)
+
+    def _step_output(
+        self, name: str, contents: Sequence[Signal], *inputs: InputPort, first: int = 0, timed: bool = False
+    ) -> OutputPort:
+        """Declare outputs of :meth:`_step` from the number `first` on; see :meth:`_output`."""
+        step, part = weak_callback(self._step), slice(first, first + len(contents))
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(step(context)[1][part])
+
+        return self._output(name, contents, calc, *inputs, timed=timed)
 
 
 class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
@@ -156,21 +175,14 @@ class DeadMan(ControlBlock):
         super().__init__(period, CommandState())
         self.limits = limits
         self.command = self._input("command", COMMAND)
-        needs = {self.command.ticket(), self.xd_ticket(), self.time_ticket()}
-        self.speed = declare_vector_output(self, "speed", SPEED, self._calc_speed, prerequisites=needs)
-        self.steering = declare_vector_output(self, "steering", STEERING, self._calc_steering, prerequisites=needs)
+        self.speed = self._step_output("speed", SPEED, self.command, timed=True)
+        self.steering = self._step_output("steering", STEERING, self.command, first=1, timed=True)
 
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         message = CommandState(*self._read_memory(context))
         speed, steering, stamp = self.command.Eval(context).tolist()
         message, result = command_step(message, speed, steering, stamp, context.get_time(), self.limits)
         return message, result.setpoint
-
-    def _calc_speed(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1].speed
-
-    def _calc_steering(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1].steering
 
 
 class AccelerationLimit(ControlBlock):
@@ -191,21 +203,17 @@ class AccelerationLimit(ControlBlock):
     """
 
     def __init__(self, acceleration: float, deceleration: float, *, period: float) -> None:
-        super().__init__(period, (0.0, 0.0))
+        super().__init__(period, (0.0, 0.0), restarts=True)
         name = type(self).__name__
         self.acceleration = check_number(name, "acceleration", acceleration, unit="m/s²", above=0.0)
         self.deceleration = check_number(name, "deceleration", deceleration, unit="m/s²", above=0.0)
         self.reference = self._input("reference", SPEED)
         self.measured_speed = self._input("measured_speed", SPEED)
         inputs = self.reference, self.measured_speed
-        self.speed = self._output("speed", SPEED, self._calc_speed, *inputs)
-        self.slope = self._output("slope", SLOPE, self._calc_slope, *inputs)
-        self.DeclareInitializationDiscreteUpdateEvent(self._restart)
+        self.speed = self._step_output("speed", SPEED, *inputs)
+        self.slope = self._step_output("slope", SLOPE, *inputs, first=1)
 
-    def _restart(self, context: Context, state: DiscreteValues) -> None:  # noqa: ARG002
-        state.set_value(self._memory, [0.0, 0.0])
-
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         last, started = self._read_memory(context)
         # The set-point starts at the measured speed, so that it does not jump.
         if not started:
@@ -216,12 +224,6 @@ class AccelerationLimit(ControlBlock):
             up, down = down, up
         speed = min(max(self.reference.Eval(context).item(), last - down), last + up)
         return (speed, 1.0), (speed, (speed - last) / self.period)
-
-    def _calc_speed(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1][0]
-
-    def _calc_slope(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1][1]
 
 
 class SteeringRateLimit(ControlBlock):
@@ -240,25 +242,18 @@ class SteeringRateLimit(ControlBlock):
     """
 
     def __init__(self, law: Ackermann, *, period: float) -> None:
-        super().__init__(period, (0.0, 0.0))
+        super().__init__(period, (0.0, 0.0), restarts=True)
         self._law = law
         self.reference = self._input("reference", STEERING)
         self.measured_steering = self._input("measured_steering", STEERING)
-        self.steering = self._output("steering", STEERING, self._calc, self.reference, self.measured_steering)
-        self.DeclareInitializationDiscreteUpdateEvent(self._restart)
+        self.steering = self._step_output("steering", STEERING, self.reference, self.measured_steering)
 
-    def _restart(self, context: Context, state: DiscreteValues) -> None:  # noqa: ARG002
-        state.set_value(self._memory, [0.0, 0.0])
-
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         last, started = self._read_memory(context)
         if not started:
             last = self.measured_steering.Eval(context).item()
         steering = self._law.approach(last, self.reference.Eval(context).item(), period=self.period)
-        return (steering, 1.0), steering
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1]
+        return (steering, 1.0), (steering,)
 
 
 class SteeringActuator(ControlBlock):
@@ -276,26 +271,19 @@ class SteeringActuator(ControlBlock):
     """
 
     def __init__(self, law: ActuatorLaw) -> None:
-        super().__init__(law.numbers.period, [0.0] * (law.size + 1))
+        super().__init__(law.numbers.period, [0.0] * (law.size + 1), restarts=True)
         self._law = law
         self.reference = self._input("reference", STEERING)
         self.measured_steering = self._input("measured_steering", STEERING)
-        self.steering = self._output("steering", STEERING, self._calc, self.reference, self.measured_steering)
-        self.DeclareInitializationDiscreteUpdateEvent(self._restart)
+        self.steering = self._step_output("steering", STEERING, self.reference, self.measured_steering)
 
-    def _restart(self, context: Context, state: DiscreteValues) -> None:  # noqa: ARG002
-        state.set_value(self._memory, [0.0] * (self._law.size + 1))
-
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         # The memory is that of the law and, at its end, whether the block has started.
         *line, started = self._read_memory(context)
         if not started:
             line = self._law.rest(self.measured_steering.Eval(context).item())
         line, output = self._law.step(line, self.reference.Eval(context).item())
-        return [*line, 1.0], output
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1]
+        return [*line, 1.0], (output,)
 
 
 class BlockGains:
@@ -352,11 +340,11 @@ class SpeedPid(ControlBlock):
         self.reference = self._input("reference", SPEED)
         self.measurement = self._input("measurement", SPEED)
         inputs = self.reference, self.measurement
-        self.output = self._output("output", signals(("output", "m/s")), self._calc, *inputs)
+        self.output = self._step_output("output", signals(("output", "m/s")), *inputs)
         self.error = self._output("error", signals(("error", "m/s")), self._calc_error, *inputs)
         self.integral = self._output("integral", signals(("integral", "m/s")), self._calc_integral)
 
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         reference = self.reference.Eval(context).item()
         memory, output = cruise_step(
             self._read_memory(context),
@@ -367,10 +355,7 @@ class SpeedPid(ControlBlock):
             self.limits,
         )
         # cruise_step returns the corrected speed; the correction is the control in the PI state, or zero at a stop.
-        return memory, memory[0] if reference != 0.0 else output
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._step(context)[1]
+        return memory, (memory[0] if reference != 0.0 else output,)
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
         output[0] = self.reference.Eval(context).item() - self.measurement.Eval(context).item()

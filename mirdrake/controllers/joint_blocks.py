@@ -4,7 +4,6 @@ See :mod:`mirdrake.controllers.control_blocks`.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, State
 
@@ -53,7 +52,7 @@ class JointLoops(ControlBlock):
         extra: Sequence[float] = (),
     ) -> None:
         self._size, self._extra = len(control.memory), len(extra)
-        super().__init__(period, [*control.memory * len(loops), *extra])
+        super().__init__(period, [*control.memory * len(loops), *extra], restarts=bool(extra))
         self.control, self.limits, self._loops = control, limits, tuple(loops)
         self._law = control.torque_law()
         schedule = control.gain_schedule()
@@ -65,7 +64,7 @@ class JointLoops(ControlBlock):
         # Only a gain schedule needs the speed, so only then there is a port.
         self.speed = self._input("speed", SPEED) if table is not None else None
         inputs = [port for port in (self.setpoint, self.measurement, self.slope, self.speed) if port is not None]
-        self.torque = self._output("torque", torque, self._calc_torque, *inputs)
+        self.torque = self._step_output("torque", torque, *inputs)
         self.error = self._output("error", setpoint, self._calc_error, self.setpoint, self.measurement)
 
     def _declare_slope(self) -> InputPort | None:
@@ -75,7 +74,7 @@ class JointLoops(ControlBlock):
         """Return the feed-forward torque of a joint [N m]."""
         return 0.0
 
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         memory = self._read_memory(context) if self._memory is not None else []
         setpoint, measurement = self.setpoint.Eval(context).tolist(), self.measurement.Eval(context).tolist()
         gains = self.gains.read(context, 0.0 if self.speed is None else self.speed.Eval(context).item())
@@ -89,9 +88,6 @@ class JointLoops(ControlBlock):
             for i, loop in enumerate(self._loops)
         ]  # fmt: skip
         return memory, torques
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._step(context)[1])
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.setpoint.Eval(context) - self.measurement.Eval(context))
@@ -193,12 +189,11 @@ class SteeringLoop(JointLoops):
             self.servo_setpoint = self._output(
                 "servo_setpoint", JOINT_SETPOINT, self._calc_servo, self.setpoint, self.measurement
             )
-            self.DeclareInitializationDiscreteUpdateEvent(self._restart)
 
     def _restart(self, context: Context, state: DiscreteValues) -> None:
         state.set_value(self._memory, [*self._read_memory(context)[: -self._extra], 0.0, 0.0])
 
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         memory, torques = super()._step(context)
         if self._extra:
             # The set-point of this step is the last angle of the next one, for the rate of the servo.
@@ -243,10 +238,10 @@ class PedalLoop(ControlBlock):
         self.slope = self._input("slope", SLOPE)
         self.measurement = self._input("measurement", SPEED)
         inputs = self.reference, self.slope, self.measurement
-        self.pedals = self._output("pedals", PEDALS, self._calc, *inputs)
+        self.pedals = self._step_output("pedals", PEDALS, *inputs)
         self.error = self._output("error", signals(("error", "m/s")), self._calc_error, *inputs)
 
-    def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+    def _step(self, context: Context) -> tuple[Sequence[float], Sequence[float]]:
         speed = self.measurement.Eval(context).item()
         return self._law.step(
             self._read_memory(context),
@@ -255,9 +250,6 @@ class PedalLoop(ControlBlock):
             speed,
             gains=self.gains.read(context, speed),
         )
-
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._step(context)[1])
 
     def _calc_error(self, context: Context, output: BasicVector) -> None:
         output[0] = self.reference.Eval(context).item() - self.measurement.Eval(context).item()

@@ -122,6 +122,16 @@ def dotted(path: Iterable[Hashable]) -> str:
     return ".".join(text if (text := str(step)).isprintable() else repr(text) for step in path)
 
 
+def place_prefix(where: str) -> str:
+    """Return the beginning of a message: its place and a colon, or nothing without a place."""
+    return f"{where}: " if where else ""
+
+
+def not_found(kind: str, name: str, known: Iterable[str], *, of: str, where: str = "") -> ConfigError:
+    """Return the error for a name that something does not have, such as a start of a world; `where` is its place."""
+    return ConfigError(f"{place_prefix(where)}{of} has no {kind} '{name}'; {did_you_mean(name, known)}")
+
+
 def closest(given: str, names: Collection[str]) -> str | None:
     """Return the name that is most similar to a given one; None if none is similar."""
     return next(iter(get_close_matches(given, names, n=1, cutoff=0.6)), None)

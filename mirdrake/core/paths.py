@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError, closest, did_you_mean
+from mirdrake.core.errors import ConfigError, closest, did_you_mean, place_prefix
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -82,7 +82,7 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         ConfigError: the name is unknown.
     """
     noun = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
-    prefix = f"{where}: " if where else ""
+    prefix = place_prefix(where)
     as_path = Path(os.path.expanduser(name))  # keeps "~nobody", for which Path.expanduser raises an error
     is_yaml = as_path.suffix in {".yaml", ".yml"}
     # An existing file or folder comes before a name of the library.

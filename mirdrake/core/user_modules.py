@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from mirdrake.core.errors import ConfigError, closest, did_you_mean
+from mirdrake.core.yaml_io import display_path
 
 __all__ = ["import_user_module", "load_user_function", "without_user_code"]
 
@@ -100,17 +101,9 @@ def load_user_function(name: str, *, folder: str | Path | None = None) -> Callab
 def _not_found(name: str, folders: list[Path]) -> str:
     """Return the tail of the error of a module that does not exist: the most similar one, and where it was searched."""
     near = closest(name, sorted({file.stem for folder in folders for file in folder.glob("*.py")}))
-    places = ", ".join(dict.fromkeys(str(folder) for folder in map(_shown, folders)))
+    places = ", ".join(dict.fromkeys(map(display_path, folders)))
     hint = f"; did you mean '{near}'?" if near else ""
     return f"{hint} (searched: {places}, and the import path of Python)"
-
-
-def _shown(folder: Path) -> str:
-    """Return a folder relative to the working directory if it is below that."""
-    try:
-        return str(folder.resolve().relative_to(Path.cwd()))
-    except (OSError, RuntimeError, ValueError):
-        return str(folder)
 
 
 def _not_executed(*_: Any, **__: Any) -> Any:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, place_prefix
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def read_crg(path: Path, *, place: str = "") -> CrgRoad:
     Raises:
         ConfigError: the file is missing, not an OpenCRG file, or uses modifiers or other files.
     """
-    prefix = f"{place}: " if place else ""
+    prefix = place_prefix(place)
     if not path.is_file():
         raise ConfigError(f"{prefix}no such file: {display_path(path)}")
     # Damaged files raise different errors; all become one line with the place of the key.

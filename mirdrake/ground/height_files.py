@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, place_prefix
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def read_heights(
     Raises:
         ConfigError: the file is missing, not readable, or has no grid of finite numbers.
     """
-    prefix = f"{place}: " if place else ""
+    prefix = place_prefix(place)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ConfigError(f"{prefix}'{path.name[:80]}' is not a file of heights; use one of {', '.join(_SUFFIXES)}")

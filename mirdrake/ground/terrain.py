@@ -166,23 +166,7 @@ class Block:
     yaw: float = 0.0
 
     def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
-        return (
-            Layer(
-                BLOCK,
-                x=self.x,
-                y=self.y,
-                cosine=cos(self.yaw),
-                sine=sin(self.yaw),
-                a=self.height,
-                b=self.rise,
-                c=self.top,
-                d=self.fall,
-                e=0.5 * self.width,
-                f=self.side,
-            ),
-            _NO_NUMBERS,
-            _NO_HEIGHTS,
-        )
+        return _obstacle(self, BLOCK, a=self.height, b=self.rise, c=self.top, d=self.fall)
 
 
 @dataclass(frozen=True)
@@ -198,21 +182,16 @@ class Wave:
     yaw: float = 0.0
 
     def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
-        return (
-            Layer(
-                WAVE,
-                x=self.x,
-                y=self.y,
-                cosine=cos(self.yaw),
-                sine=sin(self.yaw),
-                a=self.height,
-                b=self.length,
-                e=0.5 * self.width,
-                f=self.side,
-            ),
-            _NO_NUMBERS,
-            _NO_HEIGHTS,
-        )
+        return _obstacle(self, WAVE, a=self.height, b=self.length)
+
+
+def _obstacle(
+    obstacle: Block | Wave, kind: int, *, a: float, b: float, c: float = 0.0, d: float = 0.0
+) -> tuple[Layer, Array, NDArray[np.float32]]:
+    """Return the layer of an obstacle; a to d are the numbers of its profile."""
+    x, y, yaw, half = obstacle.x, obstacle.y, obstacle.yaw, 0.5 * obstacle.width
+    layer = Layer(kind, x=x, y=y, cosine=cos(yaw), sine=sin(yaw), a=a, b=b, c=c, d=d, e=half, f=obstacle.side)
+    return layer, _NO_NUMBERS, _NO_HEIGHTS
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,11 @@ class Changes(list[Change]):
         """Append a change; see :class:`Change`."""
         self.append(Change(code, place, part, old, new, reason))
 
+    def add_fault(self, code: Code, error: Exception, part: str, old: str, new: str | None = None) -> None:
+        """Append a change whose place and reason are those of an error, ``file:line: reason``."""
+        place, _, reason = str(error).partition(": ")
+        self.add(code, place, part, old, new, reason)
+
 
 def unusual(place: str, part: str, old: str, reason: str) -> Change:
     """Return the change of a value that is kept although it is unusual."""

@@ -230,21 +230,26 @@ def _delay(setup: _Setup) -> Json:
     return dict(vars(margin))
 
 
-def _delayed_expert(setup: _Setup) -> Drive:
-    """Return one lap of the expert whose steering has the delay of the network, in the first world to drive in."""
-    spec, car = setup.spec, setup.car
-    world = next(iter(setup.judged.values()))
+def _drive(
+    setup: _Setup, key: str, title: str, diagram: Json, *, laps: float, limit: float, duration: float | None = None
+) -> Drive:
+    """Return a drive, which is a step of the study; see :func:`mirdrake.learning.drives.drive`."""
 
     def work() -> Json:
-        diagram = {**setup.diagram, "world": _entry(world)}
-        diagram = with_delay(diagram, car, rate=spec.rate, latency=spec.latency)
         return drive(
-            diagram, car, setup.folder / "runs" / "delayed-expert",
-            base=setup.folder, laps=1.0, limit=spec.drive.intervention,
-            progress=lambda share: setup.progress("expert with the delay of the network", share),
+            diagram, setup.car, setup.folder / "runs" / key, base=setup.folder, laps=laps, limit=limit,
+            duration=duration, progress=lambda share: setup.progress(title, share),
         ).record()  # fmt: skip
 
-    return Drive.read(setup.step("delayed-expert", work))
+    return Drive.read(setup.step(key, work))
+
+
+def _delayed_expert(setup: _Setup) -> Drive:
+    """Return one lap of the expert whose steering has the delay of the network, in the first world to drive in."""
+    spec, title = setup.spec, "expert with the delay of the network"
+    diagram = {**setup.diagram, "world": _entry(next(iter(setup.judged.values())))}
+    diagram = with_delay(diagram, setup.car, rate=spec.rate, latency=spec.latency)
+    return _drive(setup, "delayed-expert", title, diagram, laps=1.0, limit=spec.drive.intervention)
 
 
 def _without_time(record: Json) -> Json:
@@ -253,39 +258,24 @@ def _without_time(record: Json) -> Json:
 
 def _expert_run(setup: _Setup, label: str, world: Any, index: int) -> Drive:
     """Return a run of the expert with injected errors; they increase from none in the first run of a world."""
-    spec, car = setup.spec, setup.car
+    spec, collect = setup.spec, setup.spec.collect
     # Labels are unique, so the index of the world is a stable part of the seed.
-    key = f"expert-{label}-{index + 1}"
-    number = list(setup.worlds).index(label)
-
-    def work() -> Json:
-        # From zero to the largest error: clean runs for precision, disturbed ones for recoveries.
-        size = spec.collect.errors * index / max(spec.collect.runs - 1, 1)
-        diagram = with_camera(setup.diagram, car, rate=spec.collect.rate, world=world)
-        diagram = with_errors(diagram, car, rms=size, seed=(spec.seed, number, index))
-        return drive(
-            diagram, car, setup.folder / "runs" / key, base=setup.folder, laps=1.0, limit=float("inf"),
-            duration=spec.collect.duration, progress=lambda share: setup.progress(f"expert {label} {index + 1}", share),
-        ).record()  # fmt: skip
-
-    return Drive.read(setup.step(key, work))
+    seed = (spec.seed, list(setup.worlds).index(label), index)
+    # From zero to the largest error: clean runs for precision, disturbed ones for recoveries.
+    size = collect.errors * index / max(collect.runs - 1, 1)
+    diagram = with_camera(setup.diagram, setup.car, rate=collect.rate, world=world)
+    diagram = with_errors(diagram, setup.car, rms=size, seed=seed)
+    key, title = f"expert-{label}-{index + 1}", f"expert {label} {index + 1}"
+    return _drive(setup, key, title, diagram, laps=1.0, limit=float("inf"), duration=collect.duration)
 
 
 def _network_run(setup: _Setup, key: str, number: int, world: Any, laps: float) -> Drive:
     """Return a drive with the network of round `number` as the driver."""
-    spec, car = setup.spec, setup.car
-
-    def work() -> Json:
-        # At the network's own rate, so that pictures and evaluations coincide in time.
-        diagram = with_camera(setup.diagram, car, rate=spec.rate, world=world)
-        file = _round_folder(setup, number) / "pilot.onnx"
-        diagram = with_network(diagram, car, file=file, latency=spec.latency, inputs=spec.inputs)
-        return drive(
-            diagram, car, setup.folder / "runs" / key, base=setup.folder, laps=laps, limit=spec.drive.intervention,
-            progress=lambda share: setup.progress(f"drive {key}", share),
-        ).record()  # fmt: skip
-
-    return Drive.read(setup.step(key, work))
+    spec, file = setup.spec, _round_folder(setup, number) / "pilot.onnx"
+    # At the network's own rate, so that pictures and evaluations coincide in time.
+    diagram = with_camera(setup.diagram, setup.car, rate=spec.rate, world=world)
+    diagram = with_network(diagram, setup.car, file=file, latency=spec.latency, inputs=spec.inputs)
+    return _drive(setup, key, f"drive {key}", diagram, laps=laps, limit=spec.drive.intervention)
 
 
 def _own_runs(setup: _Setup, number: int) -> list[Drive]:

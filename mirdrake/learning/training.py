@@ -62,12 +62,12 @@ class Trained:
     validation_error: list[float]
     pictures: int
 
-    def predict(self, data: DrivingData, *, batch: int = 64) -> Array:
+    def predict(self, data: DrivingData) -> Array:
         """Return the outputs for all pictures of a data set (n, labels)."""
         torch = import_torch()
         parts = []
         with torch.no_grad(), one_thread():
-            for pictures, inputs, _, _ in data.batches(batch):
+            for pictures, inputs, _, _ in data.batches(64):
                 parts.append(self.evaluate(pictures, inputs))
         return np.concatenate(parts) if parts else np.zeros((0, self.architecture.outputs))
 

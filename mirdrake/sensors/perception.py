@@ -148,23 +148,12 @@ class CloudOverlay(LeafSystem):
         path: path in Meshcat.
         scan: a scan of the lidar, for the type of the port.
         rate: drawings per second [Hz].
-        point_size: size of a point [m].
-        height: height above the ground of the last colour of the scale [m].
     """
 
-    def __init__(
-        self,
-        meshcat: Meshcat,
-        path: str,
-        *,
-        scan: LidarScan,
-        rate: float = 10.0,
-        point_size: float = 0.05,
-        height: float = 3.0,
-    ) -> None:
+    def __init__(self, meshcat: Meshcat, path: str, *, scan: LidarScan, rate: float = 10.0) -> None:
         super().__init__()
         self._meshcat: Meshcat | None = meshcat
-        self._path, self._size, self._height = path, point_size, height
+        self._path = path
         self.cloud = self.DeclareAbstractInputPort("cloud", AbstractValue.Make(scan))
         self.DeclarePeriodicPublishEvent(1.0 / rate, 0.0, self._draw)
 
@@ -173,7 +162,7 @@ class CloudOverlay(LeafSystem):
             return EventStatus.DidNothing()
         points = self.cloud.Eval(context).points_in_world()
         try:
-            show_points(self._meshcat, self._path, points, point_size=self._size, height=self._height)
+            show_points(self._meshcat, self._path, points)
         except RuntimeError:  # Meshcat has ended; the simulation continues
             self._meshcat = None
         return EventStatus.Succeeded()

@@ -22,7 +22,7 @@ from mirdrake.manoeuvres.facts import Facts, find_facts
 from mirdrake.manoeuvres.registry import MANOEUVRES, read_settings, run_manoeuvre
 from mirdrake.manoeuvres.rig import Model, Rig
 from mirdrake.manoeuvres.together import run_manoeuvres
-from mirdrake.studies.plan import Plan
+from mirdrake.studies.plan import Plan, Shard
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -37,38 +37,21 @@ _OWN = ("single_track", "gains")
 """Settings that map names to numbers."""
 
 
-@dataclass(frozen=True)
-class ManoeuvreShard:
-    """Some candidates of a study of a manoeuvre.
+@dataclass(frozen=True, kw_only=True)
+class ManoeuvreShard(Shard):
+    """Some candidates of a study of a manoeuvre; the metrics are keys of its figures.
 
     Attributes:
-        number: of the shard.
-        first: index of its first run.
         manoeuvre: name of the manoeuvre.
         vehicle: name of the vehicle.
         model: plant or single_track.
         settings: settings of all candidates, by dotted path.
-        columns: values of each candidate, by dotted path.
-        metrics: keys of the figures.
     """
 
-    number: int
-    first: int
     manoeuvre: str
     vehicle: str
     model: str
     settings: dict[str, Any]
-    columns: dict[str, list[Any]]
-    metrics: tuple[str, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of runs."""
-        return len(next(iter(self.columns.values())))
-
-    def lost(self, reason: str) -> list[Outcome]:
-        """Return the outcomes of runs that could not be made."""
-        return [Outcome(self.first + k, "failed", reason) for k in range(self.count)]
 
 
 def make_manoeuvre_plan(spec: StudySpec) -> Plan:
@@ -124,8 +107,8 @@ def make_manoeuvre_shards(plan: Plan) -> list[ManoeuvreShard]:
         columns = {path: list(column) for path, column in zip(spec.parameters, values, strict=True)}
         shards.append(
             ManoeuvreShard(
-                number, first, spec.manoeuvre or "", spec.vehicle or "", spec.model, dict(spec.overrides), columns,
-                tuple(spec.metrics),
+                number=number, first=first, columns=columns, metrics=tuple(spec.metrics), settings=dict(spec.overrides),
+                manoeuvre=spec.manoeuvre or "", vehicle=spec.vehicle or "", model=spec.model,
             )
         )  # fmt: skip
     return shards

@@ -17,7 +17,7 @@ from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_user_function
 from mirdrake.core.yaml_io import Schema, Source, validate, where
-from mirdrake.execution.job import Job, function_of
+from mirdrake.execution.job import Job, Outcome, function_of
 from mirdrake.execution.parameters import ContextParameter, find_context_parameters
 from mirdrake.runs.summary import VEHICLE_FIGURES
 from mirdrake.studies.sampling import sample
@@ -91,6 +91,32 @@ class Plan:
             "units": self.units,
             "study": json.loads(json.dumps(study)),
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """Some runs of a study, which are simulated together.
+
+    Attributes:
+        number: of the shard.
+        first: index of its first run.
+        columns: values of each run by parameter.
+        metrics: names.
+    """
+
+    number: int
+    first: int
+    columns: dict[str, list[Any]]
+    metrics: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return len(next(iter(self.columns.values())))
+
+    def lost(self, reason: str) -> list[Outcome]:
+        """Return the outcomes of runs that could not be made."""
+        return [Outcome(self.first + k, "failed", reason) for k in range(self.count)]
 
 
 def make_plan(spec: StudySpec) -> Plan:

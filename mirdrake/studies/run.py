@@ -37,7 +37,7 @@ from mirdrake.studies.manoeuvres import (
     run_manoeuvre_shard,
 )
 from mirdrake.studies.plan import Plan, make_plan
-from mirdrake.studies.single_track import Shard, check_single_track, make_shards, run_shard
+from mirdrake.studies.single_track import BatchShard, check_single_track, make_shards, run_shard
 from mirdrake.studies.spec import StudySpec, make_study
 
 GRACE = 30.0
@@ -183,7 +183,7 @@ def _run_shards(
     if folder is not None and (folder / RESULTS_FILE).is_file():
         return load_results(folder)
     # Shards have fixed bounds, so that results do not depend on the number of workers.
-    shards: Sequence[Shard | ManoeuvreShard] = make_manoeuvre_shards(plan) if of_manoeuvre else make_shards(plan)
+    shards: Sequence[BatchShard | ManoeuvreShard] = make_manoeuvre_shards(plan) if of_manoeuvre else make_shards(plan)
     store = ShardStore(folder, schema)
     missing = [shard for shard in shards if shard.number not in store.numbers]
     run: Callable[[Any], list[Outcome]] = run_manoeuvre_shard if of_manoeuvre else run_shard

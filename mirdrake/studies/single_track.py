@@ -23,7 +23,7 @@ from mirdrake.runs.summary import drive_figures
 from mirdrake.single_track import estimate_parameters
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.from_vehicle import tyres_of
-from mirdrake.studies.plan import Plan
+from mirdrake.studies.plan import Plan, Shard
 from mirdrake.vehicles import Vehicle
 
 STEP = 0.005
@@ -45,37 +45,20 @@ MASSES = ("mass", "yaw_inertia", "rotating_mass")
 """Parameters that are proportional to the mass scale."""
 
 
-@dataclass(frozen=True)
-class Shard:
-    """Some runs of a study.
+@dataclass(frozen=True, kw_only=True)
+class BatchShard(Shard):
+    """Runs of one batch.
 
     Attributes:
-        number: of the shard.
-        first: index of its first run.
         diagram: data of the diagram.
-        columns: values of each run by parameter.
-        metrics: names.
         duration: simulated time [s].
     """
 
-    number: int
-    first: int
     diagram: Json
-    columns: dict[str, list[float]]
-    metrics: tuple[str, ...]
     duration: float
 
-    @property
-    def count(self) -> int:
-        """Number of runs."""
-        return len(next(iter(self.columns.values())))
 
-    def lost(self, reason: str) -> list[Outcome]:
-        """Return the outcomes of runs that could not be made."""
-        return [Outcome(self.first + k, "failed", reason) for k in range(self.count)]
-
-
-def make_shards(plan: Plan) -> list[Shard]:
+def make_shards(plan: Plan) -> list[BatchShard]:
     """Divide a study into shards."""
     rate = _vehicle(assemble(make_spec(plan.diagram))).control.rate
     # The signals of a batch are in memory at once; their number is that of periods, the start included.
@@ -87,7 +70,12 @@ def make_shards(plan: Plan) -> list[Shard]:
         columns = {
             name: [float(value) for value in column] for name, column in zip(plan.spec.parameters, values, strict=True)
         }
-        shards.append(Shard(number, first, plan.diagram, columns, metrics, plan.duration))
+        shards.append(
+            BatchShard(
+                number=number, first=first, columns=columns, metrics=metrics,
+                diagram=plan.diagram, duration=plan.duration
+            )
+        )  # fmt: skip
     return shards
 
 
@@ -134,7 +122,7 @@ def check_single_track(plan: Plan) -> None:
         raise ConfigError(f"{where(spec, 'model')}: {error}") from None
 
 
-def run_shard(shard: Shard) -> list[Outcome]:
+def run_shard(shard: BatchShard) -> list[Outcome]:
     """Simulate the runs of a shard as one batch; an error is an outcome of each of them."""
     try:
         # Runs that diverge overflow on purpose; they are reported as unstable.
@@ -222,7 +210,7 @@ class _Model:
         rows = np.array([schedule.at(k * self.period) for k in range(periods)])
         return self._control.run(rows, outputs=SIGNALS)
 
-    def outcomes(self, shard: Shard, run: BatchRun) -> list[Outcome]:
+    def outcomes(self, shard: BatchShard, run: BatchRun) -> list[Outcome]:
         """Return the outcome of each run."""
         curvature = None
         if isinstance(self._driver, PathTrackingSpec):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, not_found, place_prefix
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml, read_tree
 from mirdrake.core.yaml_io import where as where_in
@@ -120,15 +120,14 @@ def load_variant(folder: Path, variant: str | None, *, where: str = "") -> Varia
         return VariantSpec(description="without a variant")
     known = variants(folder)
     if variant not in known:
-        prefix = f"{where}: " if where else ""
-        raise ConfigError(f"{prefix}{folder.name} has no variant '{variant}'; {did_you_mean(variant, known)}")
+        raise not_found("variant", variant, known, of=folder.name, where=where)
     change = load_yaml(_file(known[variant]), VariantSpec)
     if change.base is None:
         return change
     # The variant is merged over its base, key by key, as it is over the files of the folder.
     place = where_in(change, "base")
     if change.base not in known or change.base == variant:
-        raise ConfigError(f"{place}: {folder.name} has no variant '{change.base}'; {did_you_mean(change.base, known)}")
+        raise not_found("variant", change.base, known, of=folder.name, where=place)
     if load_yaml(_file(known[change.base]), VariantSpec).base is not None:
         raise ConfigError(f"{place}: variant '{change.base}' has a base as well; name one without a base")
     return load_yaml(_file(known[change.base]), VariantSpec, over=read_tree(_file(known[variant])))
@@ -211,6 +210,6 @@ def with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:
     """Return the spec with another driven axle."""
     allowed = get_args(Drive)
     if drive not in allowed:
-        prefix = f"{where}: " if where else ""
+        prefix = place_prefix(where)
         raise ConfigError(f"{prefix}argument drive: '{drive}' is not allowed; {did_you_mean(drive, allowed)}")
     return spec.model_copy(update={"drive": drive})

@@ -181,30 +181,16 @@ class Evaluator:
         for names in (local, self._first):
             if name in names:
                 return names[name]
-        table: Any = self._symbols
-        while isinstance(table, Table):  # xacro's own functions are at the root, where a plain dictionary is
-            if dict.__contains__(table, name):
-                return table[name]
-            table = table.parent
-        if name in self._names:
-            return self._names[name]
-        raise NameError(f"name '{name}' is not defined")
+        return _look_up(name, self._symbols, self._names)
 
     def _attribute(self, node: ast.Attribute, local: Mapping[str, Any], depth: int) -> Any:
         """Return a name below ``math`` and so on, a property of an included namespace, or a key of YAML data."""
         owner, name = self._value(node.value, local, depth), node.attr
         # Attributes of arbitrary objects would reach Python's internals: only these owners have any.
         if isinstance(owner, Functions):
-            if name in owner:
-                return owner[name]
-            raise NameError(f"name '{name}' is not defined")
+            return _look_up(name, None, owner)
         if isinstance(owner, NameSpace) and not name.startswith("__"):
-            table: Any = owner
-            while isinstance(table, Table):
-                if dict.__contains__(table, name):
-                    return table[name]
-                table = table.parent
-            raise NameError(f"name '{name}' is not defined")
+            return _look_up(name, owner, {})
         if isinstance(owner, YamlDictWrapper) and name in owner:
             return owner[name]
         raise AttributeError(f"a {type(owner).__name__} has no '{name}'")
@@ -350,6 +336,17 @@ class Evaluator:
         if any(word.arg is None for word in node.keywords):
             raise XacroException("** is not allowed in a call")
         return function(*positional, **{str(word.arg): self._value(word.value, local, depth) for word in node.keywords})
+
+
+def _look_up(name: str, table: Any, names: Mapping[str, Any]) -> Any:
+    """Return the value of a name in one of xacro's nested tables, or in plain names."""
+    while isinstance(table, Table):  # xacro's own functions are at the root, where a plain dictionary is
+        if dict.__contains__(table, name):
+            return table[name]
+        table = table.parent
+    if name in names:
+        return names[name]
+    raise NameError(f"name '{name}' is not defined")
 
 
 def _bind(target: ast.expr, item: Any) -> dict[str, object]:

@@ -15,6 +15,7 @@ import shapely
 
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.json_io import Json
+from mirdrake.core.maths import wrap_angle
 from mirdrake.core.paths import data_root, find
 from mirdrake.core.yaml_io import Source, display_path, load_yaml, parse_tree, read_tree, validate, where
 from mirdrake.ground import Terrain
@@ -308,7 +309,7 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
     if spec.on_track is None:
         x, y = spec.at or (0.0, 0.0)
         ground.check_position(x, y, where=where(spec, "at"))
-        return Start(x, y, _wrapped(spec.yaw or 0.0), spec.speed)
+        return Start(x, y, wrap_angle(spec.yaw or 0.0), spec.speed)
     on_track = spec.on_track
     _check_track(on_track.track, tracks, where(spec, "on_track", "track"))
     track = tracks[on_track.track]
@@ -327,9 +328,4 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
     x, y, yaw = track.pose_at(on_track.s)
     # Offset to the left of the direction of the track.
     x, y = x - on_track.offset * math.sin(yaw), y + on_track.offset * math.cos(yaw)
-    return Start(x, y, _wrapped(yaw), spec.speed, on_track.track, on_track.s)
-
-
-def _wrapped(angle: float) -> float:
-    """Return an angle within [-π, π]."""
-    return math.remainder(angle, 2.0 * math.pi)
+    return Start(x, y, wrap_angle(yaw), spec.speed, on_track.track, on_track.s)

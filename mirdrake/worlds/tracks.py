@@ -132,9 +132,9 @@ class Track(Curve):
             values.append(begin + piece.length * np.arange(n := max(1, math.ceil(piece.length / step))) / n)
         return np.append(np.concatenate(values), self.length)
 
-    def boundaries(self, *, sagitta: float = 1e-3) -> tuple[Array, Array]:
-        """Return the left and right edges, N x 2 [m] each, accurate to `sagitta`; last = first if closed."""
-        s = self.stations(sagitta=sagitta)
+    def boundaries(self) -> tuple[Array, Array]:
+        """Return the left and right edges, N x 2 [m] each, accurate to 1 mm; last = first if closed."""
+        s = self.stations(sagitta=1e-3)
         if self.closed:
             # The end of a closed track may miss its start by a fraction of a millimetre; the polygon must close.
             s[-1] = 0.0

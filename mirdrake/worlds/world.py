@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import WorldError, not_found
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.ground.terrain import Slab
 from mirdrake.worlds.actors import Actor, FullActor
@@ -267,8 +267,7 @@ class World:
             ConfigError: the start does not exist; `where` is the prefix of the message.
         """
         if name not in self.starts:
-            prefix = f"{where}: " if where else ""
-            raise ConfigError(f"{prefix}world '{self.name}' has no start '{name}'; {did_you_mean(name, self.starts)}")
+            raise not_found("start", name, self.starts, of=f"world '{self.name}'", where=where)
         return self.starts[name]
 
     def track(self, name: str, *, where: str = "") -> Track:
@@ -278,8 +277,7 @@ class World:
             ConfigError: the track does not exist; `where` is the prefix of the message.
         """
         if name not in self.tracks:
-            prefix = f"{where}: " if where else ""
-            raise ConfigError(f"{prefix}world '{self.name}' has no track '{name}'; {did_you_mean(name, self.tracks)}")
+            raise not_found("track", name, self.tracks, of=f"world '{self.name}'", where=where)
         return self.tracks[name]
 
 

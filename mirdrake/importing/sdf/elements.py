@@ -102,6 +102,16 @@ def read_placement(element: Element, include: Element | None, full: str, scope: 
     return Frame(X, scope.base(relative), files.where(include if include is not None else element), placed)
 
 
+def read_frame(element: Element, files: XmlFiles, scope: Scope, *, default: str | None = None) -> Frame:
+    """Return the frame of an element by its ``<pose>``; `default` is the full name of its base if the pose names none.
+
+    Raises:
+        ModelError: as of :func:`read_pose`.
+    """
+    X, relative = read_pose(element.find("pose"), files, scope.version)
+    return Frame(X, default if default is not None and not relative else scope.base(relative), files.where(element))
+
+
 @dataclass(frozen=True)
 class ReadShape:
     """The geometry of a ``<visual>`` or ``<collision>``.

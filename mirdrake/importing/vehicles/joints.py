@@ -5,7 +5,7 @@ from math import isfinite
 
 from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.values import to_number
-from mirdrake.importing.vehicles.limits import driven_wheels
+from mirdrake.importing.vehicles.limits import driven_wheels, limit_text
 from mirdrake.importing.vehicles.model import Controller, Joint, Plugin, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
 
@@ -56,7 +56,7 @@ def _words(joint: Joint) -> str:
     low, high = joint.limits.lower, joint.limits.upper
     unit, spring = ("m", "N/m") if joint.kind == "prismatic" else ("rad", "N m/rad")
     if low is not None or high is not None:
-        words.append(f"{_number(low)} … {_number(high)} {unit}")
+        words.append(f"{limit_text(low)} … {limit_text(high)} {unit}")
     if joint.stiffness is not None:
         words.append(f"stiffness {joint.stiffness:.4g} {spring}")
     if joint.damping:
@@ -64,10 +64,6 @@ def _words(joint: Joint) -> str:
     if joint.mimic:
         words.append(f"follows '{joint.mimic}'")
     return ", ".join(words)
-
-
-def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.4g}"
 
 
 def _of_used(joint: Joint, *, spins: bool) -> list[Change]:

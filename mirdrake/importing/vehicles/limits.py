@@ -64,7 +64,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             low, high = -high, -low
         reach, outer = (high, -low) if side == "left" else (-low, high)
         part = f"joint '{joint.name}': limits"
-        was = f"{_text(joint.limits.lower)} … {_text(joint.limits.upper)} rad"
+        was = f"{limit_text(joint.limits.lower)} … {limit_text(joint.limits.upper)} rad"
         # A continuous joint may carry limits that URDF ignores; they are a hint at what its author meant.
         free = turns_freely(joint, joint.limits)
         if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
@@ -145,7 +145,8 @@ def _range(limits: Limits) -> tuple[float, float]:
     return low, high
 
 
-def _text(value: float | None) -> str:
+def limit_text(value: float | None) -> str:
+    """Return a limit for a report."""
     return "none" if value is None else f"{value:.4g}"
 
 

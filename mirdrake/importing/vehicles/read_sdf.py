@@ -20,13 +20,14 @@ from mirdrake.importing.sdf.elements import (
     DEEPEST,
     is_true,
     read_colour,
+    read_frame,
     read_placement,
     read_pose,
     read_shape,
     text_of,
     version_of,
 )
-from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
+from mirdrake.importing.sdf.frames import WORLD, Frames, Scope
 from mirdrake.importing.sdf.search import Models
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import leaves, read_number, read_numbers
@@ -148,12 +149,9 @@ class _Reader:
 
     def _add_frame(self, name: str, element: Element, scope: Scope, *, default: str | None = None) -> None:
         """Add the frame of a link, joint or frame; `default` is the base if its pose names none."""
-        where = self._files.where(element)
         if not element.get("name"):
-            raise ModelError(f"{where}: <{element.tag}> without a name")
-        X, relative = read_pose(element.find("pose"), self._files, scope.version)
-        base = scope.full(relative) if relative else scope.origin if default is None else default
-        self._frames.add(name, Frame(X, base, where))
+            raise ModelError(f"{self._files.where(element)}: <{element.tag}> without a name")
+        self._frames.add(name, read_frame(element, self._files, scope, default=default))
 
     def _read_nested(self, element: Element, full: str, scope: Scope, depth: int, *, include: Element | None) -> None:
         """Read a model within another one, or one that is included."""

@@ -18,6 +18,7 @@ from mirdrake.importing.sdf.elements import (
     DEEPEST,
     is_true,
     read_colour,
+    read_frame,
     read_mu,
     read_placement,
     read_pose,
@@ -25,7 +26,7 @@ from mirdrake.importing.sdf.elements import (
     text_of,
     version_of,
 )
-from mirdrake.importing.sdf.frames import Frame, Frames, Scope
+from mirdrake.importing.sdf.frames import Frames, Scope
 from mirdrake.importing.sdf.search import Models, model_name
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import read_number
@@ -119,9 +120,8 @@ class ModelReader:
             self._inside(element, inner, draft)
         except ModelError as error:
             draft.obj.broken.append(str(error))
-            location, _, fault = str(error).partition(": ")
             became = "left out with all its following elements"
-            self._changes.add(Code.MODEL, location, f"model '{draft.obj.name}': a part of it", "…", became, fault)
+            self._changes.add_fault(Code.MODEL, error, f"model '{draft.obj.name}': a part of it", "…", became)
 
     def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
         """Read an ``<include>``; see :meth:`model`."""
@@ -200,9 +200,8 @@ class ModelReader:
             if child.tag == "link":
                 self._link(child, scope, draft)
             elif child.tag == "frame":
-                X, relative = read_pose(child.find("pose"), self._tree, scope.version)
-                base = relative or child.get("attached_to", "")
-                self._frames.add(scope.full(name), Frame(X, scope.base(base), where))
+                base = scope.base(child.get("attached_to", ""))
+                self._frames.add(scope.full(name), read_frame(child, self._tree, scope, default=base))
             elif child.tag in {"model", "include"}:
                 # Models that include each other would recurse without end.
                 if len(scope.prefix.split("::")) > DEEPEST:
@@ -235,17 +234,15 @@ class ModelReader:
         # A joint to the world fixes the whole object.
         elif parent == "world" and not draft.obj.static:
             draft.obj.static = True
-        X, relative = read_pose(element.find("pose"), self._tree, scope.version)
-        base = scope.full(relative or child)
+        frame = read_frame(element, self._tree, scope, default=scope.full(child))
         if name and scope.full(name) not in self._frames:
-            self._frames.add(scope.full(name), Frame(X, base, self._tree.where(element)))
+            self._frames.add(scope.full(name), frame)
 
     def _link(self, element: Element, scope: Scope, draft: Draft) -> None:
         where, obj = self._tree.where(element), draft.obj
         self._one_more(where)
         full = scope.full(element.get("name", "link"))
-        X, relative = read_pose(element.find("pose"), self._tree, scope.version)
-        self._frames.add(full, Frame(X, scope.base(relative), where))
+        self._frames.add(full, read_frame(element, self._tree, scope))
         draft.links.append(full)
         # A kinematic link is moved by a plugin, which is not executed.
         if not obj.static and text_of(element, "kinematic") in {"1", "true"}:
@@ -265,9 +262,8 @@ class ModelReader:
                 except ModelError as error:
                     if child.tag == "collision":
                         obj.broken.append(str(error))
-                    location, _, fault = str(error).partition(": ")
                     part = f"model '{obj.name}': {child.tag}"
-                    self._changes.add(Code.SHAPE, location, part, child.get("name", ""), None, fault)
+                    self._changes.add_fault(Code.SHAPE, error, part, child.get("name", ""))
             elif child.tag == "light":
                 part, why = f"model '{obj.name}': <light>", "only the sun is supported"
                 self._changes.add(Code.LIGHT, self._tree.where(child), part, child.get("name", ""), None, why)

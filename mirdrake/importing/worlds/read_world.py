@@ -15,8 +15,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from mirdrake.core.errors import ModelError
 from mirdrake.importing.changes import Code
 from mirdrake.importing.gazebo_xml import XmlFiles
-from mirdrake.importing.sdf.elements import read_pose, text_of, version_of
-from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
+from mirdrake.importing.sdf.elements import read_frame, read_pose, text_of, version_of
+from mirdrake.importing.sdf.frames import WORLD, Frames, Scope
 from mirdrake.importing.sdf.search import Models, model_name
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import read_number, read_numbers
@@ -95,8 +95,8 @@ class _Reader:
         for child in element:
             if child.tag == "state":
                 states.append(child)
-                for inserted in child.findall("insertions"):
-                    self._children(inserted)
+                for inserted in child.iterfind("insertions/*"):
+                    self._child(inserted)
             else:
                 self._child(child)
         # The saved state overrides poses and deletes models, hence after all children.
@@ -121,16 +121,11 @@ class _Reader:
             elif not self._planes(obj):
                 self._world.objects.append(obj)
 
-    def _children(self, element: Element) -> None:
-        for child in element:
-            self._child(child)
-
     def _child(self, child: Element) -> None:
         where = self._tree.where(child)
         try:
             self._known_child(child, where)
         except ModelError as error:
-            location, _, fault = str(error).partition(": ")
             # A faulty object is kept with its fault, so that a strict import rejects the world.
             if child.tag in {"model", "include", "population"}:
                 name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
@@ -140,7 +135,7 @@ class _Reader:
                     )
                 )
             else:
-                self._world.changes.add(Code.ELEMENT, location, f"<{child.tag}>", child.get("name", ""), None, fault)
+                self._world.changes.add_fault(Code.ELEMENT, error, f"<{child.tag}>", child.get("name", ""))
 
     def _known_child(self, child: Element, where: str) -> None:
         tag, name = child.tag, child.get("name", "")
@@ -161,14 +156,12 @@ class _Reader:
             elif kind == "sun" and not added and len(self._models.lights) == lights:
                 self._world.suns.append(Sun("sun", SUN, where))
         elif tag == "frame":
-            X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
-            base = relative or child.get("attached_to", "")
-            self._frames.add(self._scope.full(name), Frame(X, self._scope.base(base), where))
+            base = self._scope.base(child.get("attached_to", ""))
+            self._frames.add(self._scope.full(name), read_frame(child, self._tree, self._scope, default=base))
         elif tag == "light":
             # Lights get a hidden frame, because their poses may refer to frames that follow.
             frame = f"__light__{len(self._lights)}"
-            X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
-            self._frames.add(frame, Frame(X, self._scope.base(relative), where))
+            self._frames.add(frame, read_frame(child, self._tree, self._scope))
             self._lights.append((child, frame))
         elif tag == "actor":
             self._actor(child, where)
@@ -233,8 +226,7 @@ class _Reader:
             try:
                 moved += self._state_of(child, "")
             except ModelError as error:
-                location, _, fault = str(error).partition(": ")
-                self._world.changes.add(Code.MODEL, location, "<state> of a model", child.get("name", ""), None, fault)
+                self._world.changes.add_fault(Code.MODEL, error, "<state> of a model", child.get("name", ""))
         why = "the poses of the saved state are used"
         became = f"{moved} moved"
         self._world.changes.add(
@@ -329,8 +321,7 @@ class _Reader:
             # The direction is given in the frame of the light, not of the world.
             X = self._frames.pose(frame)
         except ModelError as error:
-            location, _, fault = str(error).partition(": ")
-            self._world.changes.add(Code.LIGHT, location, f"{kind} light '{name}'", "…", None, fault)
+            self._world.changes.add_fault(Code.LIGHT, error, f"{kind} light '{name}'", "…")
             return
         self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
 

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import not_found
 from mirdrake.worlds.networks.conflicts import Conflict, find_conflicts
 from mirdrake.worlds.networks.lane import Lane, close_gaps
 from mirdrake.worlds.pieces import Array
@@ -141,8 +141,7 @@ class Network:
             ConfigError: the lane does not exist; `where` is the prefix of the message.
         """
         if name not in self.lanes:
-            prefix = f"{where}: " if where else ""
-            raise ConfigError(f"{prefix}network '{self.name}' has no lane '{name}'; {did_you_mean(name, self.lanes)}")
+            raise not_found("lane", name, self.lanes, of=f"network '{self.name}'", where=where)
         return self.lanes[name]
 
     def yields(self, lane: str) -> tuple[Conflict, ...]:

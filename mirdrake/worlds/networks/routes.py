@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError, WorldError
+from mirdrake.core.errors import ConfigError, WorldError, place_prefix
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.networks.network import DRIVEN, Network
 from mirdrake.worlds.pieces import Array
@@ -73,7 +73,7 @@ def find_place(network: Network, place: str | Sequence[float], *, where: str = "
     Raises:
         ConfigError: the lane does not exist, or the station is not on it.
     """
-    prefix = f"{where}: " if where else ""
+    prefix = place_prefix(where)
     if not isinstance(place, str):
         lane, s, _ = network.locate(float(place[0]), float(place[1]))
         return lane.id, s
