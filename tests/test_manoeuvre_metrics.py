@@ -123,6 +123,22 @@ def test_a_second_order_answer_to_a_step(sign):
     assert response.steady == pytest.approx(sign * 0.4, rel=1e-3)
 
 
+@pytest.mark.parametrize("step", [0.01, 0.005, 0.001])
+def test_peak_time_and_overshoot_do_not_depend_on_the_samples(step):
+    """A parabolic peak at 2.5137 s, also with a ripple of 30 rad/s and 2 % of its height."""
+
+    def peak(step, ripple):
+        time = np.arange(0.0, 20.0, step)
+        answer = np.where(time > 2.0, 1.0 + 0.2 * np.maximum(1.0 - ((time - 2.5137) / 0.4) ** 2, 0.0), 0.0)
+        answer += np.where(time < 4.0, ripple * np.sin(30.0 * time), 0.0)
+        response = step_response(time, np.where(time > 2.0 - 0.5 * step, 0.1, 0.0), answer, last=2.0)
+        return response.start + response.peak_time, response.overshoot
+
+    assert peak(step, 0.0) == pytest.approx((2.5137, 0.2), rel=1e-5)
+    assert peak(step, 0.004) == pytest.approx(peak(1e-4, 0.004), rel=3e-4)
+    assert peak(step, 0.004)[0] == pytest.approx(2.5137, abs=0.005)
+
+
 @pytest.mark.parametrize("kind", ["sweep", "random"])
 def test_the_frequency_response_of_a_lag_is_that_of_its_formula(kind):
     """G = 3 / (1 + i ω T): 45 degrees late at 1 / (2 π T)."""

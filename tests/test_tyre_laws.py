@@ -15,12 +15,14 @@ from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_o
 from mirdrake.tyres.magic_formula import TyreForces, magic_formula, relaxation_lengths, slip_curve
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 from mirdrake.tyres.relaxation import (
+    DEFAULTS,
     Contact,
     Deflection,
     Motion,
     RelaxationSettings,
+    deflect_across,
+    deflect_along,
     deflection_rates,
-    deflection_step,
     low_speed_weight,
     relaxed_slip,
 )
@@ -521,12 +523,56 @@ def contact_of(load: float) -> Contact:
 CONTACT = contact_of(4000.0)
 
 
+def deflection_step(
+    state: Deflection, motion: Motion, contact: Contact, period: float, settings: RelaxationSettings = DEFAULTS
+) -> Deflection:
+    """Return both deflections after a step."""
+    return Deflection(
+        deflect_along(state.along, motion, contact, period, settings),
+        deflect_across(state.across, motion, contact, period, settings),
+    )
+
+
 def test_steady_rolling_gives_the_slips_themselves() -> None:
     for vx in (20.0, -20.0, 3.0):
         motion, state = Motion(vx, -0.04 * abs(vx), 0.07 * abs(vx)), Deflection()
         for _ in range(2000):
             state = deflection_step(state, motion, CONTACT, period=1e-2)
         assert relaxed_slip(state, motion, CONTACT) == pytest.approx((0.04, 0.07), rel=1e-9)
+
+
+@pytest.mark.parametrize("period", [1e-4, 2e-3, 1e-2, 5e-2])
+def test_a_slip_velocity_that_changes_linearly_is_solved_exactly(period: float) -> None:
+    """u' = a t - λ u from rest: u = a (t - (1 - exp(-λ t)) / λ) / λ."""
+    vx, rate, steps = 20.0, 3.0, 7
+    states = {"along": 0.0, "across": 0.0}
+    for i in range(steps):
+        middle = rate * (i + 0.5) * period
+        motion = Motion(vx, -middle, middle)
+        states["along"] = deflect_along(states["along"], motion, CONTACT, period, change=-rate * period)
+        states["across"] = deflect_across(states["across"], motion, CONTACT, period, change=rate * period)
+    for name, length in (("along", CONTACT.length_x), ("across", CONTACT.length_y)):
+        decay, end = vx / length, steps * period
+        exact = rate * (end + math.expm1(-decay * end) / decay) / decay
+        assert states[name] == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("frequency", [2.0, 5.0])
+def test_the_lag_of_a_leap_frog_step_is_that_of_the_relaxation(frequency: float) -> None:
+    """Slip velocities at the ends of 10 ms steps, deflections in their middle: 1 / (λ + i ω) within 0.02 ms of lag."""
+    vx, period, omega = 28.0, 0.01, 2.0 * math.pi * frequency
+    count = round(2.0 / period)
+    times, states = period * np.arange(count), [0.0]
+    velocities = np.sin(omega * times)
+    for i in range(1, count):
+        motion, change = Motion(vx, 0.0, velocities[i]), velocities[i] - velocities[i - 1]
+        states.append(deflect_across(states[-1], motion, CONTACT, period, change=change))
+    last = times >= 1.0  # whole periods
+    wave = np.exp(-1j * omega * (times[last] + 0.5 * period))
+    found = 2j * np.mean(wave * np.array(states)[last])
+    exact = 1.0 / (vx / CONTACT.length_y + 1j * omega)
+    assert np.angle(found / exact) / omega == pytest.approx(0.0, abs=2e-5)
+    assert abs(found / exact) == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_step_of_steer_has_63_percent_after_the_relaxation_length() -> None:
@@ -584,7 +630,7 @@ def test_a_short_step_follows_the_rates(
     settings: RelaxationSettings, vx: float, slip: float, vy: float, along: float, across: float
 ) -> None:
     state, motion, step = Deflection(along, across), Motion(vx, slip, vy), 1e-7
-    after = deflection_step(state, motion, CONTACT, period=step, settings=settings)
+    after = deflection_step(state, motion, CONTACT, step, settings)
     rates = deflection_rates(state, motion, CONTACT, settings)
     changes = [(new - old) / step for new, old in zip(after, state, strict=True)]
     assert changes == pytest.approx(list(rates), rel=1e-3, abs=1e-4)

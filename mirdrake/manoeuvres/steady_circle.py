@@ -34,16 +34,16 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "ISO 4138:2021"
     headline: ClassVar[tuple[str, ...]] = ("understeer", "largest")
     margins: ClassVar[dict[str, Margin]] = {
-        "roll_left": Margin(-0.008, 0.1),
-        "beta_left": Margin(-0.031, 0.1),
+        "roll_left": Margin(-0.013, 0.1),
+        "beta_left": Margin(-0.037, 0.1),
         "understeer_left": Margin(0.132, 0.2),
-        "largest_left": Margin(0.164, 0.2),
-        "roll_right": Margin(-0.008, 0.1),
-        "beta_right": Margin(-0.031, 0.1),
+        "largest_left": Margin(0.187, 0.2),
+        "roll_right": Margin(-0.013, 0.1),
+        "beta_right": Margin(-0.037, 0.1),
         "understeer_right": Margin(0.132, 0.2),
-        "largest_right": Margin(0.164, 0.2),
+        "largest_right": Margin(0.187, 0.2),
         "understeer": Margin(0.132, 0.2),
-        "largest": Margin(0.164, 0.2),
+        "largest": Margin(0.187, 0.2),
     }
 
     method: Literal["constant_radius", "constant_speed"] = setting(

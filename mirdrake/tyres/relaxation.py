@@ -25,8 +25,8 @@ below the peak of the force::
     u' = -Vsx - { |Vx| / σx + w f(n) |Vsx| / |u| } u,    n = |u| / (σx L),    f = n⁴ to 1, then 4 n - 3
 
 so |u| stays below σx L at standstill; with the book's limit of 3 μ N / C a car would roll back more than twice as far
-after a locked stop. A step keeps the bracket constant and solves the equation exactly; where the patch slides by more
-than a quarter of its limit, the step is divided.
+after a locked stop. A step solves the equation exactly for a constant bracket and a linear slip velocity; where the
+patch slides by more than a quarter of its limit, the step is divided.
 """
 
 import math
@@ -39,6 +39,7 @@ _SMALL = 1e-9
 _LIMIT = 1.5  # limit of the deflection over that at linear slip stiffness, μ N / C [1]
 _MAX_SLIDING = 0.25  # sliding in a part of a step, over the limit of the deflection [1]
 _MAX_PARTS = 64
+_SHORT = 1e-3  # λ dt below which a series of the response to a ramp is exact to 2e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,33 +147,46 @@ def _share_of_spring(motion: Motion, contact: Contact, settings: RelaxationSetti
     return contact.stiffness_y / (contact.stiffness_y + settings.lateral_damping * abs(motion.vx))
 
 
-def deflection_step(
-    state: Deflection,
+def deflect_along(
+    deflection: float,
     motion: Motion,
     contact: Contact,
     period: float,
     settings: RelaxationSettings = DEFAULTS,
-) -> Deflection:
-    """Return the deflections after a step; equations in the head of the module.
+    change: float = 0.0,
+) -> float:
+    """Return the longitudinal deflection after a step [m]; equations in the head of the module.
 
     Args:
-        state: deflections now.
-        motion: motion of the contact point during the step.
+        deflection: deflection now [m].
+        motion: motion of the contact point in the middle of the step.
         contact: the tyre at its load.
         period: length of the step [s], positive.
         settings: behaviour at low speed.
+        change: change of the slip velocity during the step [m/s].
     """
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
-        return Deflection(0.0, 0.0)
-    weight = low_speed_weight(motion.vx, settings.low)
-    limit_x = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
-    limit_y = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
-    speed = abs(motion.vx)
+        return 0.0
+    limit = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
+    decay, weight = abs(motion.vx) / contact.length_x, low_speed_weight(motion.vx, settings.low)
+    return relaxation_step(deflection, -motion.slip_x, decay, limit, weight, period, -change)
+
+
+def deflect_across(
+    deflection: float,
+    motion: Motion,
+    contact: Contact,
+    period: float,
+    settings: RelaxationSettings = DEFAULTS,
+    change: float = 0.0,
+) -> float:
+    """Return the lateral deflection after a step [m]; arguments as in :func:`deflect_along`."""
+    if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
+        return 0.0
+    limit = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     share = _share_of_spring(motion, contact, settings) if settings.lateral_damping else 1.0
-    return Deflection(
-        relaxation_step(state.along, -motion.slip_x, speed / contact.length_x, limit_x, weight, period),
-        relaxation_step(state.across, share * motion.vy, share * speed / contact.length_y, limit_y, weight, period),
-    )
+    decay, weight = share * abs(motion.vx) / contact.length_y, low_speed_weight(motion.vx, settings.low)
+    return relaxation_step(deflection, share * motion.vy, decay, limit, weight, period, share * change)
 
 
 def deflection_rates(
@@ -204,26 +218,64 @@ def _sliding(deflection: float, velocity: float, limit: float, weight: float) ->
 
 
 def relaxation_step(
-    deflection: float, velocity: float, decay: float, limit: float, weight: float, period: float
+    deflection: float,
+    velocity: float,
+    decay: float,
+    limit: float,
+    weight: float,
+    period: float,
+    change: float = 0.0,
 ) -> float:
-    """Return the solution of u' = V - λ u with λ in mid-step; the step is divided where the patch slides far."""
+    """Return the solution of u' = V - λ u, with V linear over the step.
+
+    Sliding changes λ with the deflection. Where the patch slides far, the step is divided, and λ is that in the middle
+    of each part.
+
+    Args:
+        deflection: u at the beginning of the step.
+        velocity: V in the middle of the step.
+        decay: λ without sliding [1/s].
+        limit: largest deflection of a patch that slides.
+        weight: weight of sliding [1].
+        period: length of the step [s].
+        change: change of V during the step.
+    """
+    ramp = change * _response_to_ramp(decay * period) * period
     if weight == 0.0:
-        return _advance(deflection, velocity, decay, period)
-    # Sliding changes λ with the deflection, so steps are short against the limit; λ is taken in mid-step.
+        return _advance(deflection, velocity, decay, period) + ramp
     parts = min(_MAX_PARTS, 1 + int(abs(velocity) * period / (_MAX_SLIDING * max(limit, _SMALL))))
     period /= parts
     for _ in range(parts):
         ahead = _advance(deflection, velocity, decay + _sliding(deflection, velocity, limit, weight), 0.5 * period)
         deflection = _advance(deflection, velocity, decay + _sliding(ahead, velocity, limit, weight), period)
-    return deflection
+    return deflection + ramp
 
 
 def _advance(deflection: float, velocity: float, decay: float, period: float) -> float:
     # Exact for constant V and λ; the series of (1 - e^-p) / p where the quotient would lose digits.
     passed = decay * period
-    mean = -math.expm1(-passed) / passed if passed > _SMALL else 1.0 - 0.5 * passed
-    return deflection * math.exp(-passed) + velocity * period * mean
+    gone = -math.expm1(-passed)
+    mean = gone / passed if passed > _SMALL else 1.0 - 0.5 * passed
+    return deflection * (1.0 - gone) + velocity * period * mean
 
 
-STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, relaxation_step, _advance)
+def _response_to_ramp(passed: float) -> float:
+    """Return u / dt after a step with V from -1/2 to 1/2, for p = λ dt: (1 - m) / p - m / 2 with m = (1 - e^-p) / p."""
+    if passed < _SHORT:  # series, where the difference would lose digits
+        return passed / 12.0 * (1.0 - 0.5 * passed)
+    mean = -math.expm1(-passed) / passed
+    return (1.0 - mean) / passed - 0.5 * mean
+
+
+STEP_PARTS = (
+    low_speed_weight,
+    relaxed_slip,
+    _share_of_spring,
+    deflect_along,
+    deflect_across,
+    _sliding,
+    relaxation_step,
+    _advance,
+    _response_to_ramp,
+)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -8,9 +8,9 @@ import scipy  # it imports its parts when they are first used
 
 from mirdrake.manoeuvres.base import Array
 
-ROUND_PEAK = 0.2
-"""Half width of the window around the largest sample in which the peak is fitted, over its time [1]. A peak is flat and
-the steering moves in steps of the control unit, so the largest sample alone is at a random time near the peak."""
+PEAK_LEVEL = 0.8
+"""Share of the overshoot above which a response belongs to its peak [1]. A peak is flat, and oscillations of the body
+on its tyres are superposed, so the largest sample alone is at a random time near the peak."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class StepResponse:
         start: time at which the steering passes half of its final value [s].
         steady: final value of the response, in its unit.
         response_time: time from start until the response has 90 % of its final value [s].
-        peak_time: time from start until the peak of a parabola fitted around the largest value, within
-            :data:`ROUND_PEAK` of that time [s]; NaN without overshoot.
-        overshoot: largest value over the final one, less 1 [1].
+        peak_time: time from start until the centroid of the response above :data:`PEAK_LEVEL` of the overshoot, which
+            is the vertex of a parabolic peak [s]; NaN without overshoot.
+        overshoot: largest value over the final one, less 1, interpolated between samples [1].
         gain: final value of the response over that of the steering, unit per rad.
     """
 
@@ -64,29 +64,45 @@ def step_response(time: Array, steering: Array, answer: Array, *, last: float) -
 
     # Before the origin the response is not that of the step; -inf keeps such samples from being the peak.
     peak = int(np.argmax(np.where(since, relative, -np.inf)))
-    overshoot = float(relative[peak]) - 1.0
+    overshoot = _top(relative, peak) - 1.0
     # An overshoot below the remaining oscillation, or 0.5 %, has no peak time.
     noise = float(np.ptp(relative[end]))
     return StepResponse(
         start=start,
         steady=steady,
         response_time=crossing(time, relative, 0.9, after=start) - start,
-        peak_time=_top(time - start, relative, peak) if overshoot > max(0.005, noise) else math.nan,
+        peak_time=_centroid(time, relative - 1.0 - PEAK_LEVEL * overshoot, peak) - start
+        if overshoot > max(0.005, noise)
+        else math.nan,
         overshoot=max(overshoot, 0.0),
         gain=steady / final,
     )
 
 
-def _top(time: Array, values: Array, index: int) -> float:
-    """Return the time of the peak of a parabola fitted around the largest sample; times are from the start on."""
-    largest = float(time[index])
-    width = ROUND_PEAK * largest
-    # A parabola through the flat top: the largest sample alone jumps with noise and step.
-    near = np.abs(time - largest) <= width
-    if np.count_nonzero(near) < 3:
-        return largest
-    curve, slope, _ = np.polyfit(time[near] - largest, values[near], 2)
-    return largest + float(np.clip(-0.5 * slope / curve, -width, width)) if curve < 0.0 else largest
+def _top(values: Array, index: int) -> float:
+    """Return the height of the parabola through the largest sample and its neighbours."""
+    if not 0 < index < len(values) - 1:
+        return float(values[index])
+    left, middle, right = values[index - 1 : index + 2].tolist()
+    curve = left - 2.0 * middle + right
+    return float(middle - (left - right) ** 2 / (8.0 * curve)) if curve < 0.0 and max(left, right) <= middle else middle
+
+
+def _centroid(time: Array, height: Array, index: int) -> float:
+    """Return the time of the centroid of the positive part of a signal around a sample, linear between the samples."""
+    low = np.flatnonzero(height <= 0.0)
+    after = int(np.searchsorted(low, index))
+    first = int(low[after - 1]) if after else 0
+    last = int(low[after]) if after < len(low) else len(height) - 1
+    t, h = time[first : last + 1].copy(), height[first : last + 1].copy()
+    # The ends are where the signal crosses zero.
+    for end, inner in ((0, 1), (-1, -2)):
+        if h[end] < 0.0:
+            t[end] += h[end] / (h[end] - h[inner]) * (t[inner] - t[end])
+            h[end] = 0.0
+    width = np.diff(t)
+    moments = width * (t[:-1] * (2.0 * h[:-1] + h[1:]) + t[1:] * (h[:-1] + 2.0 * h[1:])) / 6.0
+    return float(np.sum(moments) / np.sum(0.5 * width * (h[:-1] + h[1:])))
 
 
 @dataclass(frozen=True)

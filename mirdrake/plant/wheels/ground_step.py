@@ -56,8 +56,8 @@ class GroundMemory(NamedTuple):
     """Memory of a wheel from step to step: that of :class:`mirdrake.plant.wheels.step.Memory`, with the pivoting.
 
     Attributes:
-        along: longitudinal deflection of the tyre [m].
-        across: lateral deflection [m].
+        along: longitudinal deflection of the tyre at the beginning of the last step [m].
+        across: lateral deflection in its middle [m].
         vx: motion of the last step [m/s].
         slip_x: the same [m/s].
         vy: the same [m/s].

@@ -158,8 +158,8 @@ class BaseMotion(NamedTuple):
 def base_motion(x: Sequence[float], base: Index, positions: int, period: float = 0.0) -> BaseMotion:
     """Return the motion of the vehicle frame from the plant's state.
 
-    The heading of a plant that makes steps leads its velocities by half a step. The velocity is therefore rotated by
-    half of the yaw per step, so that its components in the vehicle frame are right.
+    The heading of a plant that makes steps leads its velocities by half a step. The velocities are therefore rotated
+    by half of the yaw per step, so that their components in the vehicle frame are right.
 
     Args:
         x: positions and velocities of the plant.
@@ -177,8 +177,9 @@ def base_motion(x: Sequence[float], base: Index, positions: int, period: float =
     )
     place = (x[q + 4], x[q + 5], x[q + 6])
     turn = 0.5 * period * x[v + 2]
+    turning = (x[v] - turn * x[v + 1], x[v + 1] + turn * x[v], x[v + 2])
     velocity = (x[v + 3] - turn * x[v + 4], x[v + 4] + turn * x[v + 3], x[v + 5])
-    return BaseMotion(rows, place, (x[v], x[v + 1], x[v + 2]), velocity)
+    return BaseMotion(rows, place, turning, velocity)
 
 
 class WheelPose(NamedTuple):

@@ -1,9 +1,11 @@
 """One step of the tyres of a vehicle; :mod:`mirdrake.core.compiled` compiles it.
 
-One step has the length dt. The deflections of the tyres are advanced to the present time with the mean slip velocity of
-the last step, and on to the middle of this step. The law is evaluated there. With the explicit steps of the plant this
-is a leap-frog scheme, which neither damps nor excites oscillations of the vehicle on its tyres. Two properties of the
-plant would cause first-order errors:
+One step has the length dt. The law is evaluated at the deflections in the middle of the step. The lateral deflection is
+known in the middle of the last step. It is advanced by a step with the present slip velocity, which is that between
+both, and with the last change of it. With the explicit steps of the plant this is a leap-frog scheme, which neither
+damps nor excites oscillations of the vehicle on its tyres, and a slip velocity that changes linearly has exactly the
+lag of the relaxation. Velocities of dampers are extrapolated to the middle of the step. Two properties of the plant
+would cause first-order errors:
 
 - The plant moves the vehicle with the velocities at the end of a step, so that positions lead velocities by half a
   step. The heading is then that of the middle of a step, where the forces act, and slip velocities are those of a
@@ -62,7 +64,8 @@ from mirdrake.tyres.relaxation import (
     Deflection,
     Motion,
     RelaxationSettings,
-    deflection_step,
+    deflect_across,
+    deflect_along,
     low_speed_weight,
     relaxation_step,
     relaxed_slip,
@@ -133,8 +136,8 @@ class Memory(NamedTuple):
     """Memory of a wheel from step to step.
 
     Attributes:
-        along: longitudinal deflection of the tyre [m].
-        across: lateral deflection [m].
+        along: longitudinal deflection of the tyre at the beginning of the last step [m].
+        across: lateral deflection in its middle [m].
         vx: motion of the last step [m/s].
         slip_x: the same [m/s].
         vy: the same [m/s].
@@ -310,25 +313,28 @@ def slip_forces(
     Returns:
         Fx [N], Fy [N], Mz [N m], kappa [1], tan alpha [1], torque [N m].
     """
-    # Deflections now and in the middle of the step, at constant spin.
+    # Deflections: along now and in the middle of the step at constant spin, across in the middle.
     settings = wheel.settings
-    deflection = Deflection(before.along, before.across)
-    rest = 0.0
+    along, across, rest, middle = before.along, before.across, 0.0, now
     if before.begun > 0.0:
-        slip_x = 0.5 * (before.slip_x + now.slip_x) - before.bend
-        mean = Motion(0.5 * (before.vx + now.vx), slip_x, 0.5 * (before.vy + now.vy))
-        deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
+        change_x, change_y = now.slip_x - before.slip_x, now.vy - before.vy
+        mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x) - before.bend, before.vy)
+        along = deflect_along(along, mean, contact, period, settings, change_x)
+        across = deflect_across(across, now, contact, period, settings, change_y)
+        middle = Motion(now.vx, now.slip_x, now.vy + 0.5 * change_y)
         # T, the torque of all other sources: what the known torques leave unexplained of the last change of spin.
         rest = wheel.inertia * (spin - before.spin) / period - before.torque
-    middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
-    kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
+    else:
+        across = deflect_across(across, now, contact, 0.5 * period, settings)
+    ahead = Deflection(deflect_along(along, now, contact, 0.5 * period, settings), across)
+    kappa, tan_alpha = relaxed_slip(ahead, middle, contact, settings)
 
     # Slip for the mean force, with the spin changed by drive, brake and road.
     mobile = inf if wheel.held else wheel.inertia / period + damping
     bend = 0.0
     if not wheel.held:
         kappa, bend = _mean_slip(
-            before, deflection, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
+            before, along, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
         )
     # Forces at this slip, and the torque of the brake.
     fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
@@ -340,7 +346,7 @@ def slip_forces(
         torque += max(-brake, min(brake, needed))
 
     # The longitudinal force counts as a known torque, so that the next T does not contain it.
-    kept.along, kept.across = deflection.along, deflection.across
+    kept.along, kept.across = along, across
     kept.vx, kept.slip_x, kept.vy, kept.spin = now.vx, now.slip_x, now.vy, spin
     kept.torque, kept.fx, kept.kappa, kept.bend = torque - radius * fx, fx, kappa, bend
     return fx, fy, mz, kappa, tan_alpha, torque
@@ -421,7 +427,7 @@ def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, f
 
 def _mean_slip(
     before: Any,
-    deflection: Deflection,
+    along: float,
     spin: float,
     kappa: float,
     contact: Contact,
@@ -439,7 +445,7 @@ def _mean_slip(
 
     Args:
         before: the step before.
-        deflection: deflections now.
+        along: longitudinal deflection now [m].
         spin: rate now [rad/s].
         kappa: slip in mid-step at constant spin [1].
         contact: the tyre.
@@ -484,7 +490,7 @@ def _mean_slip(
     p21, p22 = (-m11 + a * m21) / determinant, (-m12 + a * m22) / determinant
 
     # Force at the beginning of the step, linearised about the last one.
-    s0, u0 = -now.slip_x, deflection.along
+    s0, u0 = -now.slip_x, along
     start = before.fx + secant * (u0 / contact.length_x + damper * s0 - before.kappa)
     gain = radius / (mobile * period)
     g1, g2 = gain * (torque - radius * start), s0 - decay * u0
