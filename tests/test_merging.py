@@ -123,7 +123,7 @@ def test_rays_and_labels_distinguish_merged_objects(tmp_path: Any) -> None:
         for geometry in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)
     ]
     assert names.count(merging.NAME) == 1
-    objects = RayWorld(assembly.parts.plant, scene_graph).things
+    objects = RayWorld(assembly.parts.plant, scene_graph).objects
     assert {"prop/box", "prop/cylinder"} <= set(objects)
     assert not [item for item in objects if "merged" in item]
     context = assembly.make_context()

@@ -203,7 +203,7 @@ def test_the_ground_is_the_plane_under_the_wheels() -> None:
     hits = cast(Room(), [400.0, 7.0, 1.8], beams.grid([0.7], down).reshape(-1, 3), ground=True, far=150.0)
     expected = [1.8 / sin(-angle) for angle in down[:4]] + [np.inf, np.inf]
     assert hits.distance[0] == pytest.approx(expected, abs=1e-9)
-    assert hits.thing[0].tolist() == [0, 0, 0, 0, -1, -1]
+    assert hits.object_index[0].tolist() == [0, 0, 0, 0, -1, -1]
 
 
 @pytest.mark.parametrize("slope", [2.0, 10.0, 45.0])
@@ -235,7 +235,7 @@ def test_roads_and_their_markings_are_not_steps_in_the_ground() -> None:
     assembly = assemble(spec)
     world = ray_world(assembly.parts)
     assert world is ray_world(assembly.parts)  # one for all sensors
-    assert not [name for name in world.things if "road" in name or "scenery" in name]
+    assert not [name for name in world.objects if "road" in name or "scenery" in name]
 
 
 def test_objects_have_the_names_of_props_and_vehicles() -> None:
@@ -244,7 +244,11 @@ def test_objects_have_the_names_of_props_and_vehicles() -> None:
     room.put(Box(1.0, 1.0, 1.0), RigidTransform([5.0, 2.0, 0.0]), "prop/gate[1]/look1")
     room.put(Box(1.0, 1.0, 1.0), RigidTransform([5.0, 4.0, 0.0]), "prop/gate[2]/look0")
     hits = cast(room, [0.0, 0.0, 0.0], [[5.0, 0.0, 0.0], [5.0, 2.0, 0.0], [5.0, 4.0, 0.0]])
-    assert [room.world().things[index] for index in hits.thing[0]] == ["prop/gate[1]", "prop/gate[1]", "prop/gate[2]"]
+    assert [room.world().objects[index] for index in hits.object_index[0]] == [
+        "prop/gate[1]",
+        "prop/gate[1]",
+        "prop/gate[2]",
+    ]
 
 
 # --- beams and motion --------------------------------------------------------------------------------------------

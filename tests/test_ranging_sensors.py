@@ -295,9 +295,9 @@ def test_a_vehicle_sees_another_but_not_itself() -> None:
     sensor = assembly.diagram.GetSubsystemByName("ego.roof_lidar")
     context = sensor.GetMyContextFromRoot(assembly.make_context())
     hits = sensor.caster.look(context)
-    names = {sensor.caster.world.things[index] for index in np.unique(hits.thing) if index >= 0}
+    names = {sensor.caster.world.objects[index] for index in np.unique(hits.object_index) if index >= 0}
     assert names == {"ground", "other"}
-    nearest = hits.distance[hits.thing == sensor.caster.world.things.index("other")].min()
+    nearest = hits.distance[hits.object_index == sensor.caster.world.objects.index("other")].min()
     # Its rear axle is at 12 m, its tail up to 1 m behind that; the lidar is 1.1 m ahead of the origin, and looks down.
     assert 9.7 < nearest < 11.0
 

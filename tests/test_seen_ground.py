@@ -44,7 +44,7 @@ def test_a_lidar_sees_the_ground_that_tyres_touch() -> None:
     beams = Beams(grid(np.linspace(-pi, pi, 720), np.radians(np.linspace(-25.0, 5.0, 16))), np.zeros(720))
     state = BodyState(np.eye(3), np.array([0.3, -0.2, 0.0]), np.zeros(3), np.zeros(3))
     hits = ray_world(parts).cast(beams, RigidTransform(), (state, state), {}, period=0.1, far=60.0)
-    seen = hits.thing == GROUND
+    seen = hits.object_index == GROUND
     assert seen.sum() > 5000
     points = state.p + hits.distance[seen][:, None] * beams.directions[seen]
     errors = np.abs(points[:, 2] - parts.world.ground.terrain.height(points[:, 0], points[:, 1]))

@@ -97,7 +97,7 @@ def test_a_lidar_sees_the_edge_of_the_road() -> None:
     beams = Beams(grid(np.linspace(-pi, pi, 360), np.radians(np.linspace(-40.0, -5.0, 16))), np.zeros(360))
     state = BodyState(np.eye(3), np.array([43.3, -0.2, 1.5]), np.zeros(3), np.zeros(3))
     hits = ray_world(parts).cast(beams, RigidTransform(), (state, state), {}, period=0.1, far=60.0)
-    seen = hits.thing == GROUND
+    seen = hits.object_index == GROUND
     points = state.p + hits.distance[seen][:, None] * beams.directions[seen]
     on_road = np.abs(points[:, 0] - 32.0) < 12.0
     assert min(on_road.sum(), (~on_road).sum()) > 1000

@@ -96,7 +96,7 @@ def test_the_bolt_climbs_up_to_the_limit_of_its_front_axle(bolt: LoopSpec) -> No
 
 
 def test_a_run_with_wheels_that_keep_slipping_is_unstable(bolt: LoopSpec) -> None:
-    """The tyres can transmit 1.5 times the demand; the loop spins the wheels to and fro until standstill."""
+    """The tyres can transmit 1.5 times the demand; the slip of the wheels oscillates until standstill."""
     lost = Conditions(mass=0.810571, friction=0.387201, delay=0.080918, grade=0.074670)
     assert grip_use(axles_of(plant_bench(bolt)), bolt, lost) < 0.7
     evaluate = LoopEvaluator(bolt)

@@ -5,6 +5,7 @@ docstring that is not valid text. Links between files of the repository become l
 """
 
 import argparse
+import contextlib
 import importlib
 import os
 import re
@@ -15,11 +16,8 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-from mirdrake.runs.simulation import simulate
-from mirdrake.suites import collect_cases
-from mirdrake.viewer.recording import recording_page
-from tools.api_page import MODULES, ROOT, public_names
-
+# What loads Drake is imported where it is used, so that an interrupt at any time ends the program with one line.
+ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "build" / "pages"
 """Folder where the pages are collected."""
 
@@ -107,6 +105,8 @@ def collect_pages(stage: Path) -> None:
 
 def write_modules(folder: Path) -> None:
     """Write a page for each public module, in which an object that several modules export is described once."""
+    from tools.api_page import MODULES, public_names
+
     folder.mkdir()
     seen: set[int] = set()
     for name in MODULES:
@@ -123,8 +123,52 @@ def write_modules(folder: Path) -> None:
 
 def write_film(path: Path) -> None:
     """Write the recording of the gallery: a car brakes for a pedestrian, as in the notebook about crossings."""
+    from mirdrake.runs.simulation import simulate
+    from mirdrake.runs.stop import StopReason
+    from mirdrake.suites import collect_cases
+    from mirdrake.viewer.recording import recording_page
+
     (case,) = collect_cases([ROOT / "notebooks" / "files" / "crossing.yaml"])
-    path.write_text(recording_page(simulate(case.diagram)), encoding="utf-8")
+    run = simulate(case.diagram)
+    # Ctrl-C ends a simulation early without an exception.
+    if run.stop.reason is StopReason.INTERRUPTED:
+        raise KeyboardInterrupt
+    path.write_text(recording_page(run), encoding="utf-8")
+
+
+def build_site(folder: Path, *, outputs: bool = True) -> int:
+    """Build the site; return the exit code of Sphinx. A folder that exists is replaced when all pages are complete.
+
+    Args:
+        folder: where the site is written.
+        outputs: run the notebooks.
+    """
+    collect_pages(STAGE)
+    new = folder.with_name(f"{folder.name}.new")
+    shutil.rmtree(new, ignore_errors=True)
+    command = [sys.executable, "-m", "sphinx", "--fresh-env", "--fail-on-warning", "--keep-going", "--builder", "html"]
+    if not outputs:
+        command += ["--define", "nb_execution_mode=off"]
+    # Else autodoc executes Drake's type stubs in place of its modules.
+    environment = {**os.environ, "SPHINX_AUTODOC_IGNORE_NATIVE_MODULE_TYPE_STUBS": "1"}
+    try:
+        # Sphinx reports an interrupt as a crash. In a session of its own it does not get that of the terminal.
+        with subprocess.Popen(
+            [*command, str(STAGE), str(new)], env=environment, cwd=ROOT, start_new_session=True
+        ) as run:
+            try:
+                code = run.wait()
+            except KeyboardInterrupt:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(run.pid, signal.SIGKILL)
+                raise
+        # With warnings the pages are complete, and are needed to find out what is wrong.
+        if (new / "index.html").is_file():
+            shutil.rmtree(folder, ignore_errors=True)
+            new.rename(folder)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+    return code
 
 
 def main() -> int:
@@ -133,22 +177,13 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="where the site is written")
     parser.add_argument("--without-outputs", action="store_true", help="do not run the notebooks")
     options = parser.parse_args()
-    collect_pages(STAGE)
-    command = [sys.executable, "-m", "sphinx", "--fresh-env", "--fail-on-warning", "--keep-going", "--builder", "html"]
-    if options.without_outputs:
-        command += ["--define", "nb_execution_mode=off"]
-    # Else autodoc executes Drake's type stubs in place of its modules.
-    environment = {**os.environ, "SPHINX_AUTODOC_IGNORE_NATIVE_MODULE_TYPE_STUBS": "1"}
-    # Sphinx reports an interrupt as a crash. In a session of its own it does not get that of the terminal.
-    with subprocess.Popen(
-        [*command, str(STAGE), str(options.folder)], env=environment, cwd=ROOT, start_new_session=True
-    ) as build:
-        try:
-            return build.wait()
-        except KeyboardInterrupt:
-            os.killpg(build.pid, signal.SIGKILL)
-            print("interrupted: the site is not complete", file=sys.stderr)
-            return 130
+    try:
+        return build_site(options.folder, outputs=not options.without_outputs)
+    except KeyboardInterrupt:
+        state = "is that of an earlier build" if options.folder.exists() else "is not built"
+        # Sphinx's line of progress may be unfinished.
+        print(f"{chr(10) if sys.stdout.isatty() else ''}interrupted: {options.folder} {state}", file=sys.stderr)
+        return 130
 
 
 def _menu(options: str, entries: Iterable[str]) -> str:

@@ -142,7 +142,7 @@ HELD: Final = 8
 _HOPS = 20  # lanes ahead that are searched
 _FAR = 150.0  # [m] distance to which they are searched
 _BEYOND = 2.0  # [m] added to the distance of requests: one that has stopped before the line requests
-_STANDS = 0.1  # [m/s] speed of one that has stopped
+_STOPPED = 0.1  # [m/s] speed of one that has stopped
 _SLOW = 2.0  # [m/s] one slower than this can come to a stop where it is
 _BEFORE = 1.0  # [m] behind the line in which a red light counts
 _CLEAR = 2.0  # [m] before a place of conflict that must be free
@@ -377,8 +377,8 @@ def request(
     gap, other_speed, owner = ahead(t, lane, middle, half, -shape[2], shape[2], i, _FAR, 0.0, 0.0, objects, known)
     if gap < distance and (owner < 0 or lanes[owner] < 0 or not holds(ways, claims[owner], row.junction)):
         return 0
-    stands = speed <= _STANDS and distance <= numbers[idm.STANDSTILL] + _BEYOND
-    if row.stops == 1 and claim.since == math.inf and not stands:
+    has_stopped = speed <= _STOPPED and distance <= numbers[idm.STANDSTILL] + _BEYOND
+    if row.stops == 1 and claim.since == math.inf and not has_stopped:
         return 0
     # Room behind the junction: one ahead that may come to a stop must not keep it within the junction.
     if other_speed < _SLOW and gap < end + 2.0 * half + numbers[idm.STANDSTILL]:

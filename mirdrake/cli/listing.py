@@ -1,4 +1,4 @@
-"""``mirdrake list``: names of vehicles, worlds, diagrams and other things that can be used."""
+"""``mirdrake list``: names of vehicles, worlds, diagrams and everything else that can be named."""
 
 import argparse
 from collections.abc import Iterator
@@ -68,4 +68,4 @@ def _first_line(schema: type) -> str:
 
 
 OTHERS = {"props": _props, "sensors": _sensors, "drivers": _drivers, "blocks": _blocks}
-"""Things that are listed only on request, with their functions."""
+"""What is listed only on request, with their functions."""

@@ -279,7 +279,7 @@ def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
             Tile(
                 "Mean speed error",
                 format_quantity(figures["mean_speed_error_percent"], digits=2) + "\u00a0%",
-                "on straights",
+                "from the driver's command, on straights",
             )
         )
     if "max_speed_mps" in figures:

@@ -104,7 +104,7 @@ SIGNALS_BY_NAME: dict[str, tuple[str, str]] = {
     "signals.NAME": ("", "state of a traffic light: 0 red, 1 amber, 2 green"),
     "actors.NAME.SIGNAL": ("", "a signal of an actor: x, y, yaw, speed, acceleration, yaw_rate or gap"),
 }
-"""Unit and meaning of the signals of other things."""
+"""Unit and meaning of the signals of other objects."""
 
 TRACK_SIGNALS = ("progress", "lateral_error", "heading_error", "curvature", "lap", "laps", "lap_time")
 """Signals that only a world with a track has."""
@@ -198,7 +198,7 @@ def observe(
     if "lap" in signals:
         signals |= {"laps": signals["lap"], "lap_time": _lap_time(times, signals["lap"])}
 
-    # What follows from the things around it.
+    # What follows from the objects around it.
     corners = _corners(signals, outline(vehicle))
     movers = {
         mover.name: mover for mover in movers_of(world, actors, signals, {**(others or {}), vehicle_name: vehicle})
@@ -284,7 +284,7 @@ def _tilt(signals: Mapping[str, Array]) -> Array:
     return np.asarray(np.arccos(np.clip(np.cos(signals["roll"]) * np.cos(signals["pitch"]), -1.0, 1.0)))
 
 
-# --- things around the vehicle -----------------------------------------------------------------------------------
+# --- objects around the vehicle ----------------------------------------------------------------------------------
 
 
 def _corners(signals: Mapping[str, Array], box: Outline) -> Array:

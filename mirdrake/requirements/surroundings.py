@@ -114,7 +114,7 @@ def time_to_collision(mover: Mover, others: Iterable[Mover], world: World) -> Ar
             times_to_contact(mover.volume, mover.poses, mover.velocities, other.volume, other.poses, other.velocities),
         )
     for prop in world.props:
-        # Only things at the same height can be touched; what is driven over or overhead cannot.
+        # Only objects at the same height can be touched; what is driven over or overhead cannot.
         if prop.prop.driven_over or prop.top <= mover.volume.low or prop.bottom >= mover.volume.high:
             continue
         # Props do not move: a mover at its centroid with zero velocity, cut into slabs of equal height.

@@ -188,7 +188,8 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
         figures["laps"] = round(float(lap[-1]), 4)
     if lateral is not None:
         figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
-    # Speed control is judged in steady state on straight sections only; near zero, a relative error is meaningless.
+    # Relative to the command of the driver: a limit of the control unit that keeps the vehicle from it counts as an
+    # error. Only in steady state and on straight sections; near zero, a relative error is meaningless.
     if command is not None:
         steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)
         if curvature is not None:

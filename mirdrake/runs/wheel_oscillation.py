@@ -1,4 +1,4 @@
-"""Wheels that slip to and fro while the speed of their vehicle is smooth."""
+"""Wheels whose slip oscillates while the speed of their vehicle is smooth."""
 
 from collections.abc import Mapping
 

@@ -75,40 +75,40 @@ class RunView(InlineView, Animation):
         return cls(recording_page(run, frames_per_second=frames_per_second), height=height)
 
 
-def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 420, **options: Any) -> InlineView:
+def show(content: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 420, **options: Any) -> InlineView:
     """Return a 3D view for a notebook; it is shown as the last value of a cell.
 
     Args:
-        thing: a vehicle, a world, a diagram spec, a run, or a Meshcat with what you drew.
+        content: a vehicle, a world, a diagram spec, a run, or a Meshcat with your own drawing.
         height: height of the view [px].
         **options: of a vehicle ``frames``, ``collision``, ``meshes``; of a run ``frames_per_second``.
 
     Raises:
         ConfigError: the object has another type.
     """
-    if isinstance(thing, Meshcat):
-        return InlineView(thing.StaticHtml(), height=height)
-    if isinstance(thing, Run):
+    if isinstance(content, Meshcat):
+        return InlineView(content.StaticHtml(), height=height)
+    if isinstance(content, Run):
         # A recording of a notebook is small at 20 frames per second.
-        return RunView.of_run(thing, height=height, **{"frames_per_second": 20.0} | options)
-    scene = make_scene(thing) if isinstance(thing, DiagramSpec) else None
+        return RunView.of_run(content, height=height, **{"frames_per_second": 20.0} | options)
+    scene = make_scene(content) if isinstance(content, DiagramSpec) else None
     if scene is not None:
         world = scene.world
-    elif isinstance(thing, Vehicle):
+    elif isinstance(content, Vehicle):
         world = load_world("empty")
-    elif isinstance(thing, World):
-        world = thing
+    elif isinstance(content, World):
+        world = content
     else:
         raise ConfigError(
-            f"show: cannot show a {type(thing).__name__}; expected a vehicle, world, diagram spec, run or Meshcat"
+            f"show: cannot show a {type(content).__name__}; expected a vehicle, world, diagram spec, run or Meshcat"
         )
     # The page contains everything, so that the notebook shows it without a server.
     with offline_meshcat(world=world) as meshcat:
-        if isinstance(thing, Vehicle):
-            show_vehicle(thing, meshcat, **options)
-        elif isinstance(thing, World):
-            show_world(thing, meshcat, **options)
+        if isinstance(content, Vehicle):
+            show_vehicle(content, meshcat, **options)
+        elif isinstance(content, World):
+            show_world(content, meshcat, **options)
         else:
-            show_diagram(thing, meshcat, scene=scene, **options)
+            show_diagram(content, meshcat, scene=scene, **options)
         page = meshcat.StaticHtml()
     return InlineView(page, height=height)

@@ -44,7 +44,7 @@ class Roads:
         edges = shapely.get_coordinates(shapely.segmentize(shapely.boundary(area), 2.0 * _EDGE_ERROR))
         self._tree = None if area.is_empty else scipy.spatial.cKDTree(edges)
 
-    def to_points(self, points: Array) -> Array:
+    def distances(self, points: Array) -> Array:
         """Return the distance of each point (N, 2) from the nearest road [m]; zero on a road, and without roads."""
         if self._tree is None:
             return np.zeros(len(points))
@@ -112,7 +112,7 @@ def _long_edges(corners: Array, terrain: Terrain, roads: Roads) -> NDArray[np.bo
     away = np.zeros_like(length)
     chosen = ((error > TOLERANCE) & (length > _SHORTEST)) | (length > _LONGEST)
     if chosen.any():  # a long edge may come nearer to the road than its middle
-        away[chosen] = np.maximum(roads.to_points(0.5 * (begin[chosen] + end[chosen])) - length[chosen], 0.0)
+        away[chosen] = np.maximum(roads.distances(0.5 * (begin[chosen] + end[chosen])) - length[chosen], 0.0)
     rough = (error > TOLERANCE + _GROWTH * away) & (length > _SHORTEST + _GROWTH * away)
     return np.asarray(rough | (length > _LONGEST + 0.5 * away), dtype=bool)
 

@@ -160,7 +160,9 @@ class SteeringModel(_DirectModel):
     def suggest_experiment(self, names: frozenset[str], drives: Sequence[Segment] = ()) -> str:
         """Return which drive would identify these parameters."""
         del drives
-        return "turn the wheel slowly to and fro" if "steering_backlash" in names else "do steps of the steering"
+        if "steering_backlash" in names:
+            return "turn the steering wheel slowly to the left and right"
+        return "do steps of the steering"
 
     @classmethod
     def is_default_for(cls, channels: set[str]) -> bool:

@@ -1,6 +1,6 @@
 """Fixed objects merged for rendering: boxes and cylinders of one colour become one mesh.
 
-VTK spends time on each thing that it draws, however small, while all processors but one wait: without a graphics card
+VTK spends time on each object that it draws, however small, while all processors but one wait: without a graphics card
 some 0.1 ms in colour and depth, a fifth of a picture of 36 obstacles. Labels distinguish objects, so a
 renderer that draws labels does not merge them.
 """
@@ -51,10 +51,10 @@ def merge_still_things(
         plant: the finalised plant.
         scene_graph: its scene graph, before the renderers are added.
         merged_in: names of the renderers that draw the mesh.
-        apart_in: names of those that draw the things one by one; no others draw them any more.
+        apart_in: names of those that draw the objects one by one; no others draw them any more.
 
     Returns:
-        how many things are in the mesh; with less than two, nothing is changed.
+        how many objects are in the mesh; with less than two, nothing is changed.
     """
     inspector = scene_graph.model_inspector()
     faces_by_color: dict[Color, list[Faces]] = {}

@@ -74,7 +74,7 @@ class Radar(SampledSensor):
         """Return the present targets with noise (3 targets)."""
         states = self.caster.states(context)
         hits = self.caster.look(context, states)
-        distance, hit_object, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
+        distance, hit_object, body = (values.ravel() for values in (hits.distance, hits.object_index, hits.body))
         targets: list[Array] = []
         # -1 (nothing hit) is below GROUND.
         for number in np.unique(hit_object[hit_object >= GROUND]).tolist():

@@ -66,13 +66,13 @@ class Hits:
 
     Attributes:
         distance: (columns, rows) [m]; inf: nothing.
-        thing: number of the object (columns, rows), :data:`GROUND` or :data:`NOTHING`. All parts of a vehicle are one
-            object, and so are those of a prop.
+        object_index: number of the object (columns, rows), :data:`GROUND` or :data:`NOTHING`. All parts of a vehicle
+            are one object, and so are those of a prop.
         body: index of the body (columns, rows), 0 for the world, -1 for nothing.
     """
 
     distance: Array
-    thing: Ints
+    object_index: Ints
     body: Ints
 
 
@@ -81,7 +81,7 @@ class _Mover:
     """A body that can move, with its own scene."""
 
     body: int
-    thing: int
+    object_index: int
     scene: RayScene
 
     @property
@@ -103,7 +103,7 @@ class RayWorld:
 
     Attributes:
         lead: as given.
-        things: names of the objects that rays can meet, by their numbers; the first is the ground.
+        objects: names of the objects that rays can meet, by their numbers; the first is the ground.
         bodies: number of bodies of the plant.
         actors: number of actors.
 
@@ -121,7 +121,7 @@ class RayWorld:
         actors: "ActorsInScene | None" = None,
         lead: float = 0.0,
     ) -> None:
-        self.things, self.lead = ["ground"], lead
+        self.objects, self.lead = ["ground"], lead
         self._ground, self._terrain, self._actors = ground, terrain, actors
         inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
         fixed: list[Faces] = []
@@ -135,8 +135,8 @@ class RayWorld:
                 owners.append(np.full(len(faces.corners), self._number(name)))
         self._fixed = ray_scene(joined(fixed))
         # Index -1 of a ray that hits no face selects the last entry, which is NOTHING.
-        self._fixed_thing = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
-        self._fixed_body = np.where(self._fixed_thing == NOTHING, NOTHING, 0)
+        self._fixed_object = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
+        self._fixed_body = np.where(self._fixed_object == NOTHING, NOTHING, 0)
         self._relief: RayScene | None = None
         if ground and not terrain.flat:
             self._relief = ray_scene(joined(_ground_faces(plant, inspector)))
@@ -168,9 +168,9 @@ class RayWorld:
         return result
 
     def _number(self, name: str) -> int:
-        if name not in self.things:
-            self.things.append(name)
-        return self.things.index(name)
+        if name not in self.objects:
+            self.objects.append(name)
+        return self.objects.index(name)
 
     def movers(self, hidden: Container[int] = ()) -> list[int]:
         """Return the indices of the bodies that can move and be seen, without the hidden ones."""
@@ -217,7 +217,7 @@ class RayWorld:
         rays = _Rays(origins, directions.reshape(-1, 3), times, period, far)
 
         distance, face = self._fixed.cast(rays.starts(), rays.directions, far)
-        hits = Hits(distance, self._fixed_thing[face], self._fixed_body[face])
+        hits = Hits(distance, self._fixed_object[face], self._fixed_body[face])
         if ground and self._relief is not None:
             _meet_relief(self._relief, self._terrain, rays, hits)
         elif ground and self._ground:
@@ -228,7 +228,7 @@ class RayWorld:
             # After the ground, as each mover only overwrites hits that are farther away.
             _meet(mover, movers[mover.body], reach, rays, hits)
         shape = (columns, rows)
-        return Hits(hits.distance.reshape(shape), hits.thing.reshape(shape), hits.body.reshape(shape))
+        return Hits(hits.distance.reshape(shape), hits.object_index.reshape(shape), hits.body.reshape(shape))
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
     distance, _ = mover.scene.cast(starts, directions, rays.far)
     nearer = distance < hits.distance[seen]
     seen = seen[nearer]
-    hits.distance[seen], hits.thing[seen], hits.body[seen] = distance[nearer], mover.thing, mover.body
+    hits.distance[seen], hits.object_index[seen], hits.body[seen] = distance[nearer], mover.object_index, mover.body
 
 
 def aim(
@@ -374,7 +374,7 @@ def _meet_ground(rays: _Rays, hits: Hits) -> None:
     along = height / -down[seen]
     nearer = (along < hits.distance[seen]) & (along >= 0.0) & (along <= rays.far)
     seen = seen[nearer]
-    hits.distance[seen], hits.thing[seen], hits.body[seen] = along[nearer], GROUND, 0
+    hits.distance[seen], hits.object_index[seen], hits.body[seen] = along[nearer], GROUND, 0
 
 
 def _meet_relief(mesh: RayScene, terrain: Terrain, rays: _Rays, hits: Hits) -> None:
@@ -390,7 +390,7 @@ def _meet_relief(mesh: RayScene, terrain: Terrain, rays: _Rays, hits: Hits) -> N
     terrain.refine_hits(np.ascontiguousarray(starts), rays.directions[seen], exact)
     nearer = (exact < hits.distance[seen]) & (exact <= rays.far)
     seen = seen[nearer]
-    hits.distance[seen], hits.thing[seen], hits.body[seen] = exact[nearer], GROUND, 0
+    hits.distance[seen], hits.object_index[seen], hits.body[seen] = exact[nearer], GROUND, 0
 
 
 def _travel(before: BodyState | None, now: BodyState) -> float:

@@ -428,7 +428,7 @@ class SpeedLoop(WheelSpeedLoop):
         return np.asarray(status[0])
 
     def other_signals(self, bench: PlantBench, state: Floats, output: Floats) -> dict[str, Floats]:
-        """Return the slip speed of each driven wheel: a car whose wheels spin to and fro has a smooth speed."""
+        """Return the slip speed of each driven wheel: a car whose wheel slip oscillates can have a smooth speed."""
         return {
             f"the slip of the {WHEELS[wheel].replace('_', ' ')} wheel": np.array(
                 bench.radius * state[row] - output, dtype=float
