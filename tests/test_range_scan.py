@@ -10,11 +10,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely import affinity
 
-from mirdrake.controllers.behaviours.fan import beam_angles
+from mirdrake.controllers.behaviours.fan import REACH, beam_angles
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
-from mirdrake.sensors.range_scan import PropPoses, RangeScan, scan
+from mirdrake.sensors.range_scan import PropPoses, RangeScan, cut_beams
 from mirdrake.vehicles import load_vehicle
 from tests.stand_ins import CarStandIn, PropStandIn, WorldStandIn
 
@@ -48,6 +48,21 @@ def cut_all(shapes, x, y, angles):
         across = cos * dy - sin * dx
         reach, part = (px * dy - py * dx) / across, (px * sin - py * cos) / across
     return np.where((part > -1e-12) & (part < 1 + 1e-12) & (reach >= 0), reach, math.inf).min(axis=1)
+
+
+def scan(segments, x, y, yaw, angles, reach=REACH):
+    """Return the distances along beams in any order to segments x0, y0, x1, y1 in the world."""
+    beams = np.asarray(angles, dtype=float)
+    wrapped = np.remainder(beams + math.pi, 2.0 * math.pi) - math.pi
+    order = np.argsort(wrapped, kind="stable")
+    corners = np.asarray(segments, dtype=float).reshape(-1, 2) - (x, y)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    px, py = cos * corners[:, 0] + sin * corners[:, 1], cos * corners[:, 1] - sin * corners[:, 0]
+    # Corners come in pairs, so that only every second gap between two corners is a segment.
+    edge = np.arange(len(corners)) % 2 == 0
+    result = np.full(beams.size, math.inf)
+    result[order] = cut_beams(px, py, edge[:-1], wrapped[order], reach)
+    return result
 
 
 # --- the plain function --------------------------------------------------------------------------------------------

@@ -95,6 +95,7 @@ class LaneTable(NamedTuple):
 def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     """Return the table of lanes, and the number of each id."""
     numbers = {lane.id: number for number, lane in enumerate(lanes.values())}
+    forks = {name for name, lane in lanes.items() if len(lane.successors) > 1}
     nodes: list[Array] = []
     rows: list[LaneRow] = []
     pieces: list[Piece] = []
@@ -119,7 +120,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
                 length=lane.length,
                 closed=int(lane.id in lane.successors),  # a lane that is its own successor
                 own=int(lane.kind in {"path", "line"}),
-                fork=max((numbers[name] for name in lane.predecessors if _forks(lanes, name)), default=-1),
+                fork=max((numbers[name] for name in lane.predecessors if name in forks), default=-1),
                 junction=int(lane.junction is not None),
                 left=numbers.get(lane.left or "", -1),
                 right=numbers.get(lane.right or "", -1),
@@ -135,10 +136,6 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     points = np.concatenate(nodes) if nodes else np.empty((0, len(Node._fields)))
     nodes_ = points.view(record_type(Node))[:, 0]
     return LaneTable(records(LaneRow, rows), nodes_, records(Piece, pieces)), numbers
-
-
-def _forks(lanes: Mapping[str, Lane], name: str) -> bool:
-    return name in lanes and len(lanes[name].successors) > 1
 
 
 def _piece(x: Array, y: Array) -> Piece:

@@ -1,9 +1,11 @@
-"""Convex hulls of shapes, with errors for meshes that Drake cannot read."""
+"""Collision shapes of bodies and their convex hulls, with errors for meshes that Drake cannot read."""
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import GeometryId, SceneGraphInspector
+from pydrake.geometry import GeometryId, Role, SceneGraphInspector
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 
 from mirdrake.core.errors import ModelError
 
@@ -24,6 +26,12 @@ def hull_points(inspector: SceneGraphInspector, geometry: GeometryId) -> Array |
         reason = " ".join(str(error).split()).rpartition(": ")[2][:200]
         raise ModelError(f"shape '{inspector.GetName(geometry)}': Drake cannot read its mesh: {reason}") from None
     return None if hull is None else np.array([hull.vertex(index) for index in range(hull.num_vertices())])
+
+
+def solids_of(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[GeometryId]:
+    """Return the collision shapes of a body; its geometries without proximity properties do not collide."""
+    shapes = plant.GetCollisionGeometriesForBody(body)
+    return [shape for shape in shapes if inspector.GetProperties(shape, Role.kProximity) is not None]
 
 
 def bounding_points(inspector: SceneGraphInspector, X_WF: RigidTransform, geometry: GeometryId) -> Array | None:

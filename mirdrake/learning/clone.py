@@ -109,7 +109,8 @@ def clone(
     _check_packages()
     setup = _set_up(spec, Path(out), progress or (lambda *_: None))
     # Before any training: a delay that the expert itself cannot tolerate makes learning futile.
-    delay = DelayMargin(**_without_time(setup.step("delay", lambda: _delay(setup))))
+    margins = setup.step("delay", lambda: _delay(setup))
+    delay = DelayMargin(**{key: value for key, value in margins.items() if key != "processor_s"})
     delayed = _delayed_expert(setup)
     if warn is not None and is_delay_the_cause(delay, delayed.figures):
         warn(delay_sentence(delay, delayed.figures))
@@ -250,10 +251,6 @@ def _delayed_expert(setup: _Setup) -> Drive:
     diagram = {**setup.diagram, "world": _entry(next(iter(setup.judged.values())))}
     diagram = with_delay(diagram, setup.car, rate=spec.rate, latency=spec.latency)
     return _drive(setup, "delayed-expert", title, diagram, laps=1.0, limit=spec.drive.intervention)
-
-
-def _without_time(record: Json) -> Json:
-    return {key: value for key, value in record.items() if key != "processor_s"}
 
 
 def _expert_run(setup: _Setup, label: str, world: Any, index: int) -> Drive:

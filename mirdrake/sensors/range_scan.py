@@ -3,7 +3,7 @@
 The origin is the middle of the front bumper. The beams are in the ground plane; they meet the outlines, seen from
 above, of the parts of props and other vehicles that the vehicle can touch: between `height` and its roof.
 
-:func:`scan` is exact. Each segment is intersected only with the beams between its ends, which are a few thousand
+The distances are exact. Each segment is intersected only with the beams between its ends, which are a few thousand
 intersections instead of some hundred thousand where there are many props.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context
@@ -37,35 +37,7 @@ Chains = tuple[Array, Array, Bools]
 _GRAZING = 1e-12  # beams this close to the end of a segment hit it [rad]
 
 
-def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike, reach: float = REACH) -> Array:
-    """Return the distances along beams to the nearest line segment.
-
-    Args:
-        segments: ends x0, y0, x1, y1 in the world (m, 4) [m].
-        x: origin [m].
-        y: origin [m].
-        yaw: direction of the beam of angle 0 [rad].
-        angles: angles of the beams, positive to the left (n) [rad].
-        reach: largest distance [m].
-
-    Returns:
-        Distances (n) [m], inf beyond `reach`. A segment seen end-on is hit at its nearer end.
-    """
-    beams = np.asarray(angles, dtype=float)
-    # Sorted angles within [-pi, pi): the beams of a segment are then one contiguous range of indices.
-    wrapped = np.remainder(beams + math.pi, 2.0 * math.pi) - math.pi
-    order = np.argsort(wrapped, kind="stable")
-    corners = np.asarray(segments, dtype=float).reshape(-1, 2) - (x, y)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    px, py = cos * corners[:, 0] + sin * corners[:, 1], cos * corners[:, 1] - sin * corners[:, 0]
-    # Corners come in pairs, so that only every second gap between two corners is a segment.
-    edge = np.arange(len(corners)) % 2 == 0
-    result = np.full(beams.size, math.inf)
-    result[order] = _cut(px, py, edge[:-1], wrapped[order], reach)
-    return result.reshape(beams.shape)
-
-
-def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: float = 0.0) -> Array:
+def cut_beams(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: float = 0.0) -> Array:
     """Return the distances along beams to chains of segments.
 
     Args:
@@ -295,7 +267,7 @@ class RangeScan(LeafSystem):
             return np.zeros(self.angles.size)
         # Polygons are on the left of their rings, so a side that faces the scanner runs clockwise seen from it.
         edge = edge[:-1] & (px[:-1] * py[1:] < py[:-1] * px[1:])  # the others are on the far sides of their polygons
-        return _cut(px, py, edge, self.angles, self.reach, step=self._step)
+        return cut_beams(px, py, edge, self.angles, self.reach, step=self._step)
 
     def _in_view(self, x: Array, y: Array, radius: Array) -> tuple[Any, Any]:
         """Return which circles in the frame of the scan may be hit by a beam, and which contain its origin (m)."""

@@ -151,7 +151,10 @@ def make_plan(spec: StudySpec) -> Plan:
     _check_metrics(spec, list(vehicles))
 
     # Models and the world are part of the digest: a resumed study must not mix rows of different models.
-    content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
+    content: dict[str, list[Any]] = {}
+    for name, vehicle in vehicles.items():
+        specs = (vehicle.spec, vehicle.control, vehicle.sensors)
+        content[name] = [vehicle.urdf, *(part.model_dump(mode="json") for part in specs)]
     files = input_digest(world, [vehicle.folder for vehicle in vehicles.values()], data, Path(diagram.folder or "."))
     digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json"), "files": files})
     return Plan(spec, data, parameters, sample(spec), spec.duration or diagram.duration, digest)
@@ -263,7 +266,3 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
             raise ConfigError(
                 f"{location}: neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}"
             )
-
-
-def _specs(vehicle: Any) -> list[Any]:
-    return [part.model_dump(mode="json") for part in (vehicle.spec, vehicle.control, vehicle.sensors)]

@@ -144,8 +144,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     vehicle = vehicles[VEHICLE]
 
-    # An invalid world is found before the simulation, which is the expensive part.
-    faults = _broken(world)
+    # A world with unplaced props or violated rules is found before the simulation, which is the expensive part.
+    faults = [*world.unplaced_props, *(world.rules.broken(world.props) if world.rules is not None else ())]
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         return Result(case.name, "invalid", f"{faults[0]}{more}")
@@ -209,11 +209,6 @@ def _findings_of_others(case: Case, run: Run, world: World, vehicles: Mapping[st
         for requirement in requirements:
             finding = requirement.judge(seen)
             yield finding._replace(text=f"{other.vehicle}: {finding.text}")
-
-
-def _broken(world: World) -> list[str]:
-    """Return why a world is invalid: unplaced props, and violated rules."""
-    return [*world.unplaced_props, *(world.rules.broken(world.props) if world.rules is not None else ())]
 
 
 def _failure_text(finding: Finding) -> str:

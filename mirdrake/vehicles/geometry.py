@@ -5,12 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Capsule, Cylinder, Ellipsoid, Role, SceneGraph, Shape, Sphere
+from pydrake.geometry import Capsule, Cylinder, Ellipsoid, SceneGraph, Shape, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
 from mirdrake.core.errors import ModelError
+from mirdrake.core.hulls import solids_of
 from mirdrake.vehicles.spec import VehicleSpec
 
 TOLERANCE = 1e-3  # [m] and [rad]: what counts as symmetric, lateral, vertical
@@ -156,12 +157,11 @@ def _measure_axle(
     sizes = []
     for joint in wheels:
         body = joint.child_body()
-        shapes = [
-            (inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry))
-            for geometry in plant.GetCollisionGeometriesForBody(body)
-            if inspector.GetProperties(geometry, Role.kProximity) is not None
+        sizes_of_shapes = [
+            _wheel_size(inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry))
+            for geometry in solids_of(plant, inspector, body)
         ]
-        sized = [size for shape, X in shapes if (size := _wheel_size(shape, X)) is not None]
+        sized = [size for size in sizes_of_shapes if size is not None]
         if not sized:
             raise ModelError(
                 f"{where(joint.name())}: wheel '{body.name()}' has no collision shape that is round about its axis; "

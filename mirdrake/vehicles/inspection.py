@@ -20,13 +20,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import GeometryId, Role, SceneGraphInspector
+from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.hulls import bounding_points
+from mirdrake.core.hulls import bounding_points, solids_of
 from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,
@@ -78,7 +78,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
     # Extent of the vehicle: clearance and wall circle are those of the body without its wheels.
     wheels = {plant.GetJointByName(name).child_body().name() for name in vehicle.spec.joints.wheels.names()}
     solid = {
-        body.name(): _corners(inspector, plant.EvalBodyPoseInWorld(context, body), _solids(plant, inspector, body))
+        body.name(): _corners(inspector, plant.EvalBodyPoseInWorld(context, body), solids_of(plant, inspector, body))
         for body in _bodies(plant)
     }
     seen = [
@@ -140,12 +140,6 @@ def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
     return [plant.get_body(index) for instance in instances for index in plant.GetBodyIndices(instance)]
 
 
-def _solids(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[GeometryId]:
-    """Return the collision shapes of a body."""
-    shapes = plant.GetCollisionGeometriesForBody(body)
-    return [shape for shape in shapes if inspector.GetProperties(shape, Role.kProximity) is not None]
-
-
 def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: Sequence[GeometryId]) -> Points:
     """Return points (n, 3) in base_link with the bounding box of the shapes: hulls of meshes, corners of boxes."""
     clouds = [bounding_points(inspector, X_WB, geometry) for geometry in geometries]
@@ -171,7 +165,7 @@ def _link(
     extent = sorted(np.ptp(corners, axis=0).tolist(), reverse=True) if len(corners) else [0.0] * 3
     frictions = [
         float(inspector.GetProximityProperties(shape).GetProperty("material", "coulomb_friction").static_friction())
-        for shape in _solids(plant, inspector, body)
+        for shape in solids_of(plant, inspector, body)
         if inspector.GetProximityProperties(shape).HasProperty("material", "coulomb_friction")
     ]
     friction = max(frictions, default=None)

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Convex, Cylinder, Mesh, Role, Shape, Sphere
+from pydrake.geometry import Convex, Cylinder, Mesh, Shape, Sphere
 from pydrake.multibody.tree import BodyIndex
 
+from mirdrake.core.hulls import solids_of
 from mirdrake.vehicles.parse import parse_urdf
 
 Array = NDArray[np.float64]
@@ -98,10 +99,10 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.CalcRelativeTransform(context, base, body.body_frame())
-        for geometry in plant.GetCollisionGeometriesForBody(body):
+        for geometry in solids_of(plant, inspector, body):
             # The box bounds every shape; only meshes and primitives with known points give a tighter outline.
             box = inspector.GetObbInGeometryFrame(geometry)
-            if box is None or inspector.GetProperties(geometry, Role.kProximity) is None:
+            if box is None:
                 continue
             X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
             corners = (X_BG @ box.pose()).multiply((signs * box.half_width()).T)

@@ -1,9 +1,10 @@
 """Overlaps of wheels with other parts of their vehicle. Contact within a vehicle is disabled and does not show them."""
 
-from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, QueryObject, Role, SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, QueryObject, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 
+from mirdrake.core.hulls import solids_of
 from mirdrake.vehicles.figures import Overlap
 from mirdrake.vehicles.spec import WHEELS
 from mirdrake.vehicles.vehicle import Vehicle
@@ -30,14 +31,8 @@ def find_overlaps(
     moved = {joint.child_body().index() for joint in (*wheels, *steering)}
     inspector = scene_graph.model_inspector()
     # Body 0 is the world.
-    solids = {
-        body.index(): [
-            shape
-            for shape in plant.GetCollisionGeometriesForBody(body)
-            if inspector.GetProperties(shape, Role.kProximity) is not None
-        ]
-        for body in (plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies()))
-    }
+    bodies = [plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies())]
+    solids = {body.index(): solids_of(plant, inspector, body) for body in bodies}
     # Parsers exclude adjacent links from collision; here every pair is of interest.
     plant_context, context = plant.CreateDefaultContext(), scene_graph.CreateDefaultContext()
     everything = GeometrySet([shape for shapes in solids.values() for shape in shapes])

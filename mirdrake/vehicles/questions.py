@@ -260,7 +260,7 @@ def ask(
     # Choices come after quantities, with their defaults in brackets.
     for key, words, usual in (("drive", get_args(Drive), "rear"), ("body", BODIES, "by size")):
         if key not in known:
-            value = answer(f"{key}: {', '.join(words)} [{usual}]: ", _chooser(key, words), optional=True)
+            value = answer(f"{key}: {', '.join(words)} [{usual}]: ", partial(choose, key, allowed=words), optional=True)
             if value is not None:
                 known[key] = value
     if "sensors" not in known:
@@ -280,7 +280,3 @@ def choose(key: str, word: str, *, allowed: tuple[str, ...]) -> str:
     if word not in allowed:
         raise ConfigError(f"{key} '{word}' is not allowed; {did_you_mean(word, allowed)}")
     return word
-
-
-def _chooser(key: str, allowed: tuple[str, ...]) -> Callable[[str], str]:
-    return lambda text: choose(key, text, allowed=allowed)

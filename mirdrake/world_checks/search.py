@@ -281,11 +281,8 @@ class _Flood:
         inside = np.flatnonzero(shapely.contains_xy(self._goal, poses[:, 0], poses[:, 1]))
         if len(inside):
             best = int(inside[0])
-            self._found = int(self._parent(int(number[best]))), poses[best]
+            self._found = int(np.concatenate(self._parents)[number[best]]), poses[best]
         return bool(len(inside))
-
-    def _parent(self, number: int) -> int:
-        return int(np.concatenate(self._parents)[number])
 
     def _add(self, poses: Array, parents: Index, costs: Array, back: Flags) -> None:
         """Add new states."""

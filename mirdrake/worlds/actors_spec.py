@@ -251,7 +251,7 @@ class ActorSpec(Schema):
     )
     speed: Speed = Field(default=0.0, ge=0.0, le=100.0, description="speed and its set-point at the start [m/s]")
     behaviour: Behaviour = Field(
-        default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
+        default_factory=lambda: BEHAVIOUR_KINDS["follow"](kind="follow"), description="kind, or mapping with a kind [-]"
     )
     starts: Trigger | None = Field(default=None, description="it is at rest until then; default: it moves at once [-]")
     body: Literal["ghost", "solid", "full"] = Field(
@@ -281,10 +281,6 @@ class ActorSpec(Schema):
         if self.body == "full" and self.color is not None:
             raise ValueError("color has no effect on a full vehicle, which has its own colours; remove it")
         return self
-
-
-def _default_behaviour() -> ActorBehaviour:
-    return BEHAVIOUR_KINDS["follow"](kind="follow")
 
 
 class AlongSpec(Schema):

@@ -26,7 +26,6 @@ from mirdrake.core.errors import WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.actors import Actor, FullActor
-from mirdrake.worlds.lights import LightSpec
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.stored import network_data
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
@@ -100,7 +99,7 @@ def lock_content(world: World) -> Json:
     Raises:
         WorldError: a file of a prop cannot be read.
     """
-    spec, ground = world.spec, world.ground
+    spec, ground, lights = world.spec, world.ground, world.spec.signals
     goals: Json = {}
     for name, goal in spec.goals.items():
         if goal.at is not None:
@@ -137,7 +136,7 @@ def lock_content(world: World) -> Json:
         "files": {name: digest(read_bytes(path)) for name, path in used_files(world).items()},
         **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
-        **({"signals": _signals(spec.signals)} if spec.signals else {}),
+        **({"signals": {name: _rounded(light.model_dump()) for name, light in lights.items()}} if lights else {}),
         **({"yield_lines": [_rounded(entry.model_dump()) for entry in spec.yield_lines]} if spec.yield_lines else {}),
         **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
         **({"full_actors": [_full_actor(actor) for actor in world.full_actors]} if world.full_actors else {}),
@@ -189,11 +188,6 @@ def _prop(placed: PlacedProp) -> Json:
     if prop.driven_over:
         entry["driven_over"] = True
     return entry
-
-
-def _signals(lights: Mapping[str, LightSpec]) -> Json:
-    """Return the entries of traffic lights by name."""
-    return {name: _rounded(light.model_dump()) for name, light in lights.items()}
 
 
 def _actor(actor: Actor) -> Json:

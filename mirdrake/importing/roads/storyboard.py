@@ -88,7 +88,8 @@ def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
                     except NotRepresentedError as fault:
                         name = action.get("name") or event.get("name") or "action"
                         part = f"'{name}' of {', '.join(actors) or 'nobody'}"
-                        old = f"{described(scenario, next(iter(action), action))} when {_when(scenario, event)}"
+                        when = " or ".join(conditions(scenario, event.find("StartTrigger"))) or "at once"
+                        old = f"{described(scenario, next(iter(action), action))} when {when}"
                         changes.add(Code.POPULATION, scenario.where(action), part, old, None, str(fault))
                     else:
                         _report_approximations(board, event, action, actors, changes)
@@ -131,10 +132,6 @@ def conditions(scenario: Scenario, trigger: Element | None) -> Iterator[str]:
             text += f", {edge} edge" if edge not in {"none", ""} else ""
             texts.append(text + (f", {delay:g} s later" if delay else ""))
         yield " and ".join(texts)
-
-
-def _when(scenario: Scenario, event: Element) -> str:
-    return " or ".join(conditions(scenario, event.find("StartTrigger"))) or "at once"
 
 
 def _leaf(condition: Element) -> Element:

@@ -1,6 +1,6 @@
 """Mass and inertia of single links; impossible values are replaced by those of the link's shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import permutations
 from math import isfinite, sqrt
 
@@ -11,7 +11,6 @@ from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Mass
 from mirdrake.importing.vehicles.kinematics import Tree
-from mirdrake.importing.vehicles.model import Link
 from mirdrake.importing.vehicles.round_shapes import Bounds, bounds_in, join_bounds
 
 DENSITY = 140.0
@@ -25,11 +24,6 @@ OUTSIDE = 1.2
 
 FLAT = 2e-5
 """Relative margin of a flat plate to the triangle inequality, which six printed digits then satisfy."""
-
-
-def link_bounds(link: Link, X_FL: RigidTransform) -> Bounds | None:
-    """Return the bounding box of a link's shapes along the axes of a frame F."""
-    return join_bounds(bounds_in(shape, X_FL) for shape in (*link.collisions, *link.visuals))
 
 
 def box_inertia(mass: float, edges: Vector) -> Vector:
@@ -106,7 +100,7 @@ def _in_part(
     # An impossible tensor is replaced by that of a cylinder for wheels, else of the box around the shapes.
     X_PL = X_PM.multiply(tree.poses[name])
     R_LI = inertial.X_LI.rotation().matrix()
-    bounds = link_bounds(link, RigidTransform())
+    bounds = join_bounds(bounds_in(shape, RigidTransform()) for shape in (*link.collisions, *link.visuals))
     com_L, mass = inertial.X_LI.translation(), inertial.mass
     fault = _fault(np.asarray(inertial.inertia, dtype=float), mass, bounds, size)
     if fault:
@@ -132,10 +126,10 @@ def _in_part(
         # A possible tensor may have exchanged axes, a common mistake of files that were rotated by hand.
         order = _exchanged_axes(inertia_L, mass, bounds, com_L) if wheel is None else (0, 1, 2)
         if order != (0, 1, 2):
-            was = moments_along_axes(inertia_L)
+            was = _moments(inertia_L.diagonal())
             inertia_L = inertia_L[np.ix_(order, order)]
             why = f"the mass would be outside of the link's shapes along {_outside(order)}"
-            changes.add(Code.INERTIA, where, f"{part}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
+            changes.add(Code.INERTIA, where, f"{part}: inertia along x, y, z", was, _moments(inertia_L.diagonal()), why)
     # A centre of mass far outside of the link is usually a value of another frame.
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
@@ -210,9 +204,8 @@ def _outside(order: tuple[int, ...]) -> str:
     return " and ".join(name for name, old, new in zip("xyz", order, range(3), strict=True) if old != new)
 
 
-def moments_along_axes(inertia: Vector) -> str:
-    """Return moments of inertia along x, y and z for a report."""
-    return " / ".join(f"{value:.4g}" for value in inertia.diagonal()) + " kg m²"
+def _moments(values: Iterable[float]) -> str:
+    return " / ".join(f"{value:.4g}" for value in values) + " kg m²"
 
 
 def widen(inertia: Vector) -> Vector:
@@ -229,5 +222,4 @@ def moments_text(inertia: Vector) -> str:
     """Return principal moments for a report."""
     if not np.isfinite(inertia).all():
         return "not a number"
-    values = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
-    return " / ".join(f"{value:.4g}" for value in values) + " kg m²"
+    return _moments(np.linalg.eigvalsh(0.5 * (inertia + inertia.T)))

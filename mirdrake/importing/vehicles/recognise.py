@@ -109,7 +109,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
         for side, wheel in zip(("left", "right"), sorted(pair, key=lambda wheel: -(wheel.point @ left)), strict=True):
             wheels[f"{name}_{side}"] = wheel
     wheels = {name: wheels[name] for name in WHEELS}
-    steering = (_kingpin(wheels["front_left"], front), _kingpin(wheels["front_right"], front))
+    steering = (_own(wheels["front_left"], front)[-1], _own(wheels["front_right"], front)[-1])
     joints = {name: wheel.joint.name for name, wheel in wheels.items()}
     drive, drive_source, driven_changes = find_drive(model, joints, asked=drive)
     return Roles(tree, wheels, steering, drive, drive_source, Changes(changes + driven_changes))
@@ -243,10 +243,10 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     if number == 2 and len(axles) == 2:
         return f"a bicycle: {_named(wheels)}"
     if number == 3:
-        return f"a tricycle: {_named(wheels)} on {_axle_word(axles)}"
+        return f"a tricycle: {_named(wheels)} on {plural(len(axles), 'axle')}"
     if number > 4 and not steered:
-        return f"{_named(wheels)} on {_axle_word(axles)} without steering (tracked or skid-steered)"
-    return f"{_named(wheels)} on {_axle_word(axles)}"
+        return f"{_named(wheels)} on {plural(len(axles), 'axle')} without steering (tracked or skid-steered)"
+    return f"{_named(wheels)} on {plural(len(axles), 'axle')}"
 
 
 def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> tuple[list[Wheel], list[Wheel]]:
@@ -296,10 +296,6 @@ def _own(wheel: Wheel, axle: Sequence[Wheel]) -> list[Joint]:
     return [joint for joint in wheel.steering if joint not in others]
 
 
-def _kingpin(wheel: Wheel, axle: Sequence[Wheel]) -> Joint:
-    return _own(wheel, axle)[-1]
-
-
 def _is_caster(tree: Tree, wheel: Wheel) -> bool:
     """Return whether a wheel trails an upright joint that swivels freely."""
     for joint in wheel.steering:
@@ -346,8 +342,7 @@ def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
 def _inventory(tree: Tree) -> str:
     kinds = Counter(joint.kind for joint in tree.above.values() if joint.kind != "fixed")
     joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no movable"
-    links = f"{len(tree.poses)} link{'' if len(tree.poses) == 1 else 's'}"
-    return f"{links} with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
+    return f"{plural(len(tree.poses), 'link')} with {joints} joint{'' if sum(kinds.values()) == 1 else 's'}"
 
 
 def _blank_clause(tree: Tree, blank: Sequence[Joint]) -> str:
@@ -373,10 +368,6 @@ def _named(wheels: Sequence[Wheel]) -> str:
 def _names(wheels: Sequence[Wheel]) -> str:
     names = [f"'{wheel.joint.name}'" for wheel in wheels]
     return ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
-
-
-def _axle_word(axles: Sequence[Sequence[Wheel]]) -> str:
-    return f"{len(axles)} axle{'' if len(axles) == 1 else 's'}"
 
 
 def _middle(axle: Sequence[Wheel]) -> Vector:

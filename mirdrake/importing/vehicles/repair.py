@@ -100,7 +100,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         mount_frames=mount_frames,
         mounts=mounts,
         variant=imported_gains(model, roles, changes),
-        licence=_licence(model),
+        licence="; ".join(model.texts[key] for key in ("licence", "licence file") if model.texts.get(key)),
         changes=changes,
         warnings=[
             f"{change.part}: {change.old} does not exist, so the whole mesh is used."
@@ -295,11 +295,6 @@ def _shape_text(shape: Shape) -> str:
     if shape.kind == "mesh":
         return f"mesh {Path(shape.address).name or shape.mesh}"
     return f"{shape.kind} {' x '.join(f'{value:.4g}' for value in shape.size)} m".replace("  ", " ")
-
-
-def _licence(model: SourceModel) -> str:
-    words = [model.texts[key] for key in ("licence", "licence file") if model.texts.get(key)]
-    return "; ".join(words)
 
 
 def _shown(*values: float) -> str:

@@ -142,7 +142,7 @@ class Converter:
 
     def _known_for(self, obj: SourceObject) -> Known | None:
         """Return the known model for an object without its own files."""
-        if not obj.sources or (obj.collisions and not obj.absent and not _sees_nothing(obj)):
+        if not obj.sources or (obj.collisions and not obj.absent and obj.visuals):
             return None
         return next((known for name in (obj.kind, *obj.sources) if (known := find_known(name))), None)
 
@@ -356,11 +356,6 @@ class Converter:
             name = f"{plain}_{count}"
         self._names.add(name)
         return name
-
-
-def _sees_nothing(obj: SourceObject) -> bool:
-    """Return whether all visual meshes are missing."""
-    return not obj.visuals
 
 
 def _same(shape: Shape, seen: Shape) -> bool:

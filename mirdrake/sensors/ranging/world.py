@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from pydrake.geometry import FrameId, GeometryId, Role, SceneGraph, SceneGraphInspector
+from pydrake.geometry import FrameId, Role, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
@@ -415,12 +415,9 @@ def _ground_faces(plant: MultibodyPlant, inspector: SceneGraphInspector) -> list
     frame = plant.GetBodyFrameIdOrThrow(plant.world_body().index())
     names = {geometry: inspector.GetName(geometry).rpartition("::")[2] for geometry in inspector.GetGeometries(frame)}
     ground = [key for key, name in names.items() if name.startswith(_SCENERY) and not name.startswith(_MESHES)]
-    looks = [(faces_of(inspector, key), inspector.GetPoseInFrame(key)) for key in ground if _is_seen(inspector, key)]
+    seen = [key for key in ground if inspector.GetPerceptionProperties(key) is not None]
+    looks = [(faces_of(inspector, key), inspector.GetPoseInFrame(key)) for key in seen]
     return [faces.moved(X_WG) for faces, X_WG in looks if faces is not None]
-
-
-def _is_seen(inspector: SceneGraphInspector, geometry: GeometryId) -> bool:
-    return inspector.GetPerceptionProperties(geometry) is not None
 
 
 def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[tuple[str, Faces]]:
