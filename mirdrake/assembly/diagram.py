@@ -21,6 +21,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
@@ -190,15 +192,23 @@ class Assembly:
             ApplySimulatorConfig(config, simulator)
         return simulator
 
+    @cached_property
+    def _start(self) -> npt.NDArray[np.float64]:
+        """State of the plant with every vehicle and prop at its start; to find the rest poses takes a millisecond."""
+        plant = self.parts.plant
+        context = plant.CreateDefaultContext()
+        for name, part in self.parts.vehicles.items():
+            start = self.starts[name]
+            set_start(plant, context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
+        self.parts.props.reset(plant, context)
+        return np.array(plant.GetPositionsAndVelocities(context))
+
     def make_context(self) -> Any:
         """Return a new Context with every vehicle at its start."""
         context = self.diagram.CreateDefaultContext()
         plant = self.parts.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
-        for name, part in self.parts.vehicles.items():
-            start = self.starts[name]
-            set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
-        self.parts.props.reset(plant, plant_context)
+        plant.SetPositionsAndVelocities(plant_context, self._start)
         if self.parts.actors.instance is not None:
             traffic = self.diagram.GetSubsystemByName(TRAFFIC)
             start = traffic.solid_states(traffic.GetMyContextFromRoot(context))

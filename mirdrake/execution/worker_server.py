@@ -20,6 +20,9 @@ METHOD = "forkserver" if sys.platform != "win32" else "spawn"
 STUDY, LOOP, CASE = "mirdrake.execution.job", "mirdrake.tuning.loops.evaluate", "mirdrake.suites.worker"
 """Modules that workers import for runs of diagrams, trials of gains, and cases of suites."""
 
+PRELOADED = "mirdrake.execution.preloaded"
+"""Module that the server imports first."""
+
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
@@ -43,7 +46,7 @@ def start_server(module: str) -> None:
     if METHOD == "forkserver":
         with worker_start():
             context: Any = get_context(METHOD)
-            context.set_forkserver_preload([module])
+            context.set_forkserver_preload([PRELOADED, module])
             forkserver.ensure_running()
 
 

@@ -227,7 +227,9 @@ def serve(pipe: connection.Connection, log: str, environment: dict[str, str], mo
     initialise_worker(log)
     for module in modules:
         import_module(module)
-    gc.freeze()  # imported objects stay; garbage collection need not visit them again and again
+    # Imported objects stay; garbage collection need not visit them again and again. The server has switched it off.
+    gc.freeze()
+    gc.enable()
     # From whichever thread compiles, so that messages must not mix.
     sending = threading.Lock()
 
