@@ -1,5 +1,6 @@
-"""Start of workers: effect of Ctrl-C at that moment."""
+"""Start of workers: effect of Ctrl-C at that moment, and what the server has loaded."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -7,7 +8,8 @@ import threading
 
 import pytest
 
-from mirdrake.execution.worker_server import worker_start
+from mirdrake.execution.worker_server import METHOD, worker_start
+from mirdrake.execution.workers import Workers
 
 
 def test_a_ctrl_c_comes_behind_the_start_of_a_worker():
@@ -41,3 +43,17 @@ def test_a_worker_does_not_know_ctrl_c():
         output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert output.strip() == "True"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_a_worker_begins_with_the_library_of_machine_code_and_collects_garbage():
+    workers = Workers(1, limit=60.0)
+    try:
+        # Loaded by the server, with the modules of the work; `eval` and `isenabled` can be sent to any process.
+        loaded = workers.submit(eval, "'numba.np.arraymath' in __import__('sys').modules").result()
+        collects = workers.submit(gc.isenabled).result()
+        frozen = workers.submit(gc.get_freeze_count).result()
+    finally:
+        workers.shutdown()
+    assert loaded == (METHOD == "forkserver")
+    assert collects
+    assert frozen > 100_000
