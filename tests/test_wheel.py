@@ -113,7 +113,9 @@ def test_the_conda_recipe_has_the_version_and_the_dependencies_of_the_project() 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())
     assert recipe["context"]["version"] == project["version"]
-    assert f"python {project['requires-python']}" in recipe["requirements"]["run"]
+    least = recipe["context"]["python_min"]
+    assert project["requires-python"] == f">={least}"
+    assert "python >=${{ python_min }}" in recipe["requirements"]["run"]
     # Names of conda-forge that differ from those of PyPI.
     renamed = {"matplotlib-base": "matplotlib", "msgpack-python": "msgpack"}
     wanted = {re.split("[<>=;]", text)[0].strip() for text in project["dependencies"]}

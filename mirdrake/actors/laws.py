@@ -8,7 +8,7 @@ from mirdrake.worlds.pieces import Array
 
 
 def acceleration(law: int, numbers: Array, speed: float, wanted: float, gap: float, ahead: float, dt: float) -> float:
-    """Return the acceleration of an actor [m/s^2], before its limit.
+    """Return the acceleration of an actor [m/s²], before its limit.
 
     Args:
         law: number of the law.
@@ -39,7 +39,7 @@ def stopping_distance(law: int, numbers: Array, speed: float) -> float:
 
 
 def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -> float:
-    """Return the largest acceleration before the end of a lane that has no successor [m/s^2].
+    """Return the largest acceleration before the end of a lane that has no successor [m/s²].
 
     Args:
         law: number of the law.

@@ -34,7 +34,7 @@ class State(NamedTuple):
     v: float
     """speed along its path [m/s]"""
     a: float
-    """acceleration in the last time step [m/s^2]"""
+    """acceleration in the last time step [m/s²]"""
     begin: float
     """offset at the begin of a lane change [m]"""
     offset: float
@@ -54,7 +54,7 @@ class State(NamedTuple):
     wanted: float
     """desired speed [m/s]"""
     ramp: float
-    """rate of the present change of speed, 0: none [m/s^2]"""
+    """rate of the present change of speed, 0: none [m/s²]"""
     held: float
     """1: it waits until `go`"""
     gap: float

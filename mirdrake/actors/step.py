@@ -289,7 +289,7 @@ def change_lanes(
 def advantage(
     t: LaneTable, crew: Crew, i: int, now: Records, left: bool, dt: float, objects: Records, count: int
 ) -> float:
-    """Return the advantage of a lane change beyond the threshold [m/s^2]; -inf if it is not possible.
+    """Return the advantage of a lane change beyond the threshold [m/s²]; -inf if it is not possible.
 
     Followers that are vehicles or have no law that depends on gaps are taken for actors with the same parameters.
 
@@ -347,7 +347,7 @@ def followers(
     mine: float,
     dt: float,
 ) -> tuple[float, float]:
-    """Return the accelerations of a follower without and with the actor ahead of it [m/s^2]; 0 without a follower.
+    """Return the accelerations of a follower without and with the actor ahead of it [m/s²]; 0 without a follower.
 
     Args:
         crew: the actors.

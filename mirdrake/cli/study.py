@@ -96,7 +96,7 @@ def _print(result: "StudyResult") -> None:
         print(", ".join(f"{verdict}: {count}" for verdict, count in verdicts.items() if verdict))
     if result.model == "single_track":
         print("single-track model: run the best candidates again with model: plant")
-    # Columns that say nothing about this study would push the others off the screen.
+    # Columns without information about this study would push the others off the screen.
     table = result.table.drop(columns=["simulated"])
     if not table["reason"].any():
         table = table.drop(columns=["reason"])

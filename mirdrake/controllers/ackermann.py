@@ -302,7 +302,7 @@ class Ackermann:
 
 
 class UniorLinkage(Ackermann):
-    """The steering of the Avrora Unior as a law of its own; see :meth:`Ackermann.unior_wheel_angles`.
+    """Steering law of the Avrora Unior; see :meth:`Ackermann.unior_wheel_angles`.
 
     What the other law calls bicycle angle is here the robot's input: ``limit`` and ``rate`` are those of the input.
 

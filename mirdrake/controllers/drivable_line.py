@@ -56,9 +56,9 @@ class DrivingLimits:
     """Limits of the accelerations and of the offset that a path tracker plans with.
 
     Attributes:
-        lateral: largest lateral acceleration v^2 kappa [m/s^2].
-        acceleration: largest acceleration along the path [m/s^2].
-        deceleration: largest deceleration along the path [m/s^2].
+        lateral: largest lateral acceleration v^2 kappa [m/s²].
+        acceleration: largest acceleration along the path [m/s²].
+        deceleration: largest deceleration along the path [m/s²].
         tolerance: largest planned offset from the centre line [m]; the car slows down where it needs to.
 
     Raises:
@@ -97,8 +97,8 @@ def make_speed_profile(
     Args:
         ceiling: largest speed at each point (N) [m/s], for example ``min(v_set, sqrt(a_lat / |kappa|))``.
         spacing: distance of the points [m].
-        acceleration: largest acceleration [m/s^2].
-        deceleration: largest deceleration [m/s^2].
+        acceleration: largest acceleration [m/s²].
+        deceleration: largest deceleration [m/s²].
         closed: whether the point after the last one is the first one.
         end_speed: largest speed at the last point of an open track [m/s].
 

@@ -37,7 +37,7 @@ class MotionTracker(LeafSystem):
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: see :data:`~mirdrake.core.vectors.STATE`.
-        motion (7) [m, rad, m/s, m/s^2, 1/m]: see :data:`~mirdrake.actors.traffic.MOTION`.
+        motion (7) [m, rad, m/s, m/s², 1/m]: see :data:`~mirdrake.actors.traffic.MOTION`.
 
     Output ports:
         command (3) [m/s, rad, s]: speed, steering, stamp; a state, as of :class:`PathTracker`.

@@ -59,7 +59,7 @@ class PathGains:
         damping: damping ratio zeta of the return to the line [1].
         preview_time: delay until the steering acts, of sampling and actuators together [s]; the law works on the pose
             that the vehicle will have by then, at its present speed and yaw rate.
-        understeer_gradient: extra steering angle per lateral acceleration [rad s^2/m] (Rajamani, section 3.3); 0:
+        understeer_gradient: extra steering angle per lateral acceleration [rad s²/m] (Rajamani, section 3.3); 0:
             neutral.
 
     Raises:
@@ -339,9 +339,9 @@ class PathTrackingSpec(Driver):
     speed: Speed = Field(
         5.0, gt=0.0, le=100.0, description="set-point of the speed [m/s]; corners may be driven slower"
     )
-    lateral_acceleration: Acceleration = Field(5.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
-    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
-    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
+    lateral_acceleration: Acceleration = Field(5.0, gt=0.0, description="largest lateral acceleration [m/s²]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s²]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s²]")
     tolerance: Length = Field(
         0.1, gt=0.0, description="largest planned offset from the centre line [m]; the car slows down where it needs to"
     )
@@ -350,7 +350,7 @@ class PathTrackingSpec(Driver):
     damping: float = Field(1.0, gt=0.0, description="damping ratio of the return to the line [1]")
     preview_time: Duration = Field(0.06, ge=0.0, le=1.0, description="delay until the steering acts [s]")
     understeer_gradient: float = Field(
-        0.0, ge=-0.1, le=0.1, description="extra steering angle per lateral acceleration [rad s^2/m]"
+        0.0, ge=-0.1, le=0.1, description="extra steering angle per lateral acceleration [rad s²/m]"
     )
     period: Period = Field(0.02, gt=0.0, le=0.2, description="time between updates [s]")
 

@@ -32,13 +32,13 @@ from mirdrake.core.yaml_io import Acceleration, Duration, Length
 
 
 def acc(gap: float, lead: float, speed: float, *, kp: float, kd: float, time_gap: float, standstill: float) -> float:
-    """Return the acceleration of the ACC [m/s^2].
+    """Return the acceleration of the ACC [m/s²].
 
     Args:
         gap: distance to the vehicle ahead [m].
         lead: its speed [m/s].
         speed: own speed [m/s].
-        kp: gain of the spacing error [1/s^2].
+        kp: gain of the spacing error [1/s²].
         kd: gain of the speed difference [1/s].
         time_gap: h [s].
         standstill: r [m].
@@ -50,17 +50,17 @@ def cacc_step(
     u: float, gap: float, lead: float, speed: float, acceleration: float, received: float, dt: float,
     *, kp: float, kd: float, time_gap: float, standstill: float,
 ) -> float:  # fmt: skip
-    """Return the acceleration of the CACC after a time step [m/s^2]; its filter is exact for constant inputs.
+    """Return the acceleration of the CACC after a time step [m/s²]; its filter is exact for constant inputs.
 
     Args:
-        u: its acceleration at the begin of the step [m/s^2].
+        u: its acceleration at the begin of the step [m/s²].
         gap: distance to the vehicle ahead [m].
         lead: its speed [m/s].
         speed: own speed [m/s].
-        acceleration: own acceleration [m/s^2].
-        received: acceleration of the vehicle ahead by the last message [m/s^2].
+        acceleration: own acceleration [m/s²].
+        received: acceleration of the vehicle ahead by the last message [m/s²].
         dt: time step [s].
-        kp: gain of the spacing error [1/s^2].
+        kp: gain of the spacing error [1/s²].
         kd: gain of its derivative [1/s].
         time_gap: h [s].
         standstill: r [m].
@@ -128,12 +128,12 @@ class AccSpec(PathTrackingSpec):
     """Follow a track at a constant time gap behind the vehicle ahead: adaptive cruise control."""
 
     kind: Literal["acc"] = Field(description="adaptive cruise control [-]")  # type: ignore[assignment]
-    kp: float = Field(default=0.2, gt=0.0, le=10.0, description="gain of the spacing error [1/s^2]")
+    kp: float = Field(default=0.2, gt=0.0, le=10.0, description="gain of the spacing error [1/s²]")
     kd: float = Field(default=0.7, ge=0.0, le=10.0, description="gain of the speed difference [1/s]")
     time_gap: Duration = Field(default=1.2, gt=0.0, le=10.0, description="time gap to the vehicle ahead [s]")
     standstill: Length = Field(default=2.0, ge=0.0, le=50.0, description="gap at standstill [m]")
     range: Length = Field(default=150.0, gt=0.0, le=1000.0, description="largest distance to the vehicle ahead [m]")
-    braking_limit: Acceleration = Field(default=6.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
+    braking_limit: Acceleration = Field(default=6.0, gt=0.0, le=20.0, description="largest deceleration [m/s²]")
 
     def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:
         """Return the tracker, which also has the input ``road_ahead``."""

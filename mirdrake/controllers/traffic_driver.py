@@ -31,9 +31,9 @@ class Braking(NamedTuple):
     """How a driver stops at a line."""
 
     deceleration: float
-    """of a comfortable stop [m/s^2]"""
+    """of a comfortable stop [m/s²]"""
     limit: float
-    """largest deceleration [m/s^2]"""
+    """largest deceleration [m/s²]"""
     reaction: float
     """[s]"""
     distance: float
@@ -167,7 +167,7 @@ class TrafficDriverSpec(PathTrackingSpec):
     kind: Literal["traffic"] = Field(description="follow a track in traffic [-]")  # type: ignore[assignment]
     headway: Duration = Field(default=1.5, ge=0.0, le=10.0, description="time headway [s]")
     standstill: Length = Field(default=2.0, gt=0.0, le=50.0, description="gap at standstill [m]")
-    braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
+    braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s²]")
     obeys_lights: bool = Field(
         default=True, description="stop at red lights, yield lines and junctions without the right of way [-]"
     )

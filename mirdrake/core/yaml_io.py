@@ -296,7 +296,7 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
 
     # Messages of pydantic are replaced where they do not state what was given and what is allowed.
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
-    # Prefixes of pydantic say how a rule is implemented, not what is wrong.
+    # Prefixes of pydantic state how a rule is implemented, not what is wrong.
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")
     code: FaultCode = "bad_value"

@@ -122,7 +122,7 @@ def _position(f: Figures) -> str:
 
 
 def _tilt(f: Figures) -> str:
-    text = f"contains {f['part']:.3g} ± {2.0 * float(f['sigma']):.2g} m/s^2 times the sine of {f['angle']}: gravity"
+    text = f"contains {f['part']:.3g} ± {2.0 * float(f['sigma']):.2g} m/s² times the sine of {f['angle']}: gravity"
     return text + (f", and {f['angle']} has the opposite sign of ISO 8855" if f["opposite"] else "")
 
 
@@ -179,7 +179,7 @@ FINDINGS: dict[str, Text] = {
     "speed_ratio": "speed is {speed:.3g} m/s where vx is {vx:.3g} m/s (medians in motion): one of them has another "
     "unit, or is another quantity",
     "mistakes": "would be explained by: {mistakes}",
-    "impossible_turn": "speed times yaw rate reaches {value:.3g} m/s^2, more than tyres can hold: deg as rad, km/h as "
+    "impossible_turn": "speed times yaw rate reaches {value:.3g} m/s², more than tyres can hold: deg as rad, km/h as "
     "m/s?",
     "exchanged_axes": "longitudinal_acceleration follows speed times yaw rate (correlation {longitudinal:.2f}), and "
     "lateral_acceleration does not ({lateral:.2f}): their columns are exchanged",
@@ -192,7 +192,7 @@ FINDINGS: dict[str, Text] = {
     "velocity_sign": "vy changes against lateral_acceleration and yaw_rate (correlation {correlation:.2f}): wrong sign",
     "path_direction": "the path turns right where the yaw rate is to the left (correlation {correlation:.2f}): wrong "
     "sign of x or of y",
-    "gravity_at_rest": "reads {value:.3g} m/s^2 at standstill, as gravity does at a tilt of {tilt:.2g} deg",
+    "gravity_at_rest": "reads {value:.3g} m/s² at standstill, as gravity does at a tilt of {tilt:.2g} deg",
     "gravity_with_tilt": _tilt,
     "response": lambda f: (
         f"the yaw rate follows {f['channel']} by {1e3 * float(f['delay']):.3g} ms, including the "
@@ -240,7 +240,7 @@ REPAIRS: dict[str, Text] = {
 
 
 def _lateral(f: Figures) -> str:
-    text = f"lateral acceleration to {f['largest']:.2g} m/s^2, {f['channel']} to {f['bandwidth']:.2g} Hz, turning at "
+    text = f"lateral acceleration to {f['largest']:.2g} m/s², {f['channel']} to {f['bandwidth']:.2g} Hz, turning at "
     text += f"{f['speed']:.3g} m/s ± {f['spread']:.2g}"
     if f["moves"] and not f["varied"]:
         text += "; one speed only: front and rear stiffness will be strongly correlated, add another speed"
@@ -258,7 +258,7 @@ def _turning(f: Figures) -> str:
 
 def _friction(f: Figures) -> str:
     far = ": far from the limit of the tyres" if float(f["largest"]) < 4.0 else ""
-    return f"lateral acceleration to {f['largest']:.2g} m/s^2{far}"
+    return f"lateral acceleration to {f['largest']:.2g} m/s²{far}"
 
 
 def _coasting(f: Figures) -> str:

@@ -235,7 +235,7 @@ def _roll(
         front, rear = (moment * share / track for share, track in zip(shares, tracks, strict=True))
         return 0.0, (front, rear)
     stiffness = find_roll_stiffness(vehicle, body).stiffness
-    # Gravity of the leaning body acts against the roll stiffness (inverted pendulum).
+    # Gravity on the rolled body acts against the roll stiffness (inverted pendulum).
     roll = moment / (sum(stiffness) - body.mass * GRAVITY * body.height)
     front, rear = (axle * roll / track for axle, track in zip(stiffness, tracks, strict=True))
     return roll, (front, rear)

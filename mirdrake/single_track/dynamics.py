@@ -382,7 +382,7 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
         arm, over = p.roll_mass * p.roll_height, p.overturning_arm
         # Parallel axes: from the centre of the rolling mass to the roll axis (J in the head of the module).
         around = p.roll_inertia + p.roll_mass * p.roll_height * p.roll_height
-        # gravity_z is negative, so gravity lowers the stiffness: the body leans out of the turn like an inverted
+        # gravity_z is negative, so gravity lowers the stiffness: the body rolls out of the turn like an inverted
         # pendulum.
         righting = (p.roll_stiffness + arm * p.gravity_z) * x.roll + p.roll_damping * x.roll_rate
         # ms h φ̈, from solving the lateral and the roll equation together: both contain v̇y and φ̈.

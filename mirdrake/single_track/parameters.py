@@ -117,7 +117,7 @@ class SingleTrackParameters:
             )
         if self.gravity_z >= 0.0:
             raise ConfigError(f"{owner}: gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up")
-        # Static stability of roll: the springs must outweigh gravity of the leaning body.
+        # Static stability of roll: the springs must outweigh gravity on the rolled body.
         tipping = -self.roll_mass * self.gravity_z * self.roll_height
         if self.roll_stiffness <= tipping:
             raise ConfigError(

@@ -131,7 +131,7 @@ class SpeedChange(Schema):
     """Change of speed at a constant rate."""
 
     to: Speed = Field(ge=0.0, le=100.0, description="new speed [m/s]")
-    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="acceleration or deceleration [m/s^2]")
+    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="acceleration or deceleration [m/s²]")
 
 
 class LaneChange(Schema):
@@ -159,13 +159,13 @@ LaneChangeText = Annotated[LaneChange, BeforeValidator(_lane_change, json_schema
 class Stop(Schema):
     """Braking to standstill; the actor waits until `go`."""
 
-    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="deceleration [m/s^2]")
+    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="deceleration [m/s²]")
 
 
 class Go(Schema):
     """Start after a stop, at the speed before it."""
 
-    rate: Acceleration = Field(default=2.0, gt=0.0, le=50.0, description="acceleration [m/s^2]")
+    rate: Acceleration = Field(default=2.0, gt=0.0, le=50.0, description="acceleration [m/s²]")
 
 
 ACTIONS = ("change_speed", "change_lane", "stop", "go")

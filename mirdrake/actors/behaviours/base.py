@@ -12,7 +12,7 @@ NUMBERS: Final = 12
 """Most numbers of a behaviour."""
 
 LIMIT: Final = 0
-"""Number of every behaviour: largest deceleration [m/s^2]."""
+"""Number of every behaviour: largest deceleration [m/s²]."""
 
 
 class LaneBehaviour(ActorBehaviour):
@@ -24,7 +24,7 @@ class LaneBehaviour(ActorBehaviour):
 
     law: ClassVar[int]
 
-    braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
+    braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s²]")
 
     @abstractmethod
     def numbers(self) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ LAW: Final = 0
 
 ACCELERATION: Final = 1
 DECELERATION: Final = 2
-"""Numbers: rates of changes of speed [m/s^2]."""
+"""Numbers: rates of changes of speed [m/s²]."""
 
 
 class Follow(LaneBehaviour):
@@ -20,8 +20,8 @@ class Follow(LaneBehaviour):
     law: ClassVar[int] = LAW
 
     kind: Literal["follow"] = Field(description="without regard to others [-]")
-    acceleration: Acceleration = Field(default=2.0, gt=0.0, le=50.0, description="at the start [m/s^2]")
-    deceleration: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="at the end of the path [m/s^2]")
+    acceleration: Acceleration = Field(default=2.0, gt=0.0, le=50.0, description="at the start [m/s²]")
+    deceleration: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="at the end of the path [m/s²]")
 
     def numbers(self) -> tuple[float, ...]:
         """Return its parameters."""

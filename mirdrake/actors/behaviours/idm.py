@@ -16,7 +16,7 @@ DECELERATION: Final = 2
 HEADWAY: Final = 3
 STANDSTILL: Final = 4
 EXPONENT: Final = 5
-"""Numbers: a, b [m/s^2], T [s], s0 [m], delta [-]."""
+"""Numbers: a, b [m/s²], T [s], s0 [m], delta [-]."""
 
 _TIGHT = 0.01  # [m] smallest gap in the formula
 
@@ -27,8 +27,8 @@ class Idm(LaneBehaviour):
     law: ClassVar[int] = LAW
 
     kind: Literal["idm"] = Field(description="intelligent driver model [-]")
-    acceleration: Acceleration = Field(default=1.0, gt=0.0, le=20.0, description="largest acceleration a [m/s^2]")
-    deceleration: Acceleration = Field(default=3.0, gt=0.0, le=20.0, description="comfortable deceleration b [m/s^2]")
+    acceleration: Acceleration = Field(default=1.0, gt=0.0, le=20.0, description="largest acceleration a [m/s²]")
+    deceleration: Acceleration = Field(default=3.0, gt=0.0, le=20.0, description="comfortable deceleration b [m/s²]")
     headway: Duration = Field(default=1.8, ge=0.0, le=10.0, description="time headway T [s]")
     standstill: Length = Field(default=2.0, gt=0.0, le=50.0, description="gap at standstill s0 [m]")
     exponent: float = Field(default=4.0, gt=0.0, le=20.0, description="exponent of the speed [-]")
@@ -39,7 +39,7 @@ class Idm(LaneBehaviour):
 
 
 def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -> float:
-    """Return the acceleration [m/s^2].
+    """Return the acceleration [m/s²].
 
     a (1 - (v/v0)^delta - (s*/s)²) with s* = s0 + max(0, v T + v dv / (2 sqrt(a b))).
 

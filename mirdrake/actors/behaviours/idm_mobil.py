@@ -15,7 +15,7 @@ POLITENESS: Final = 6
 THRESHOLD: Final = 7
 SAFE: Final = 8
 TIME: Final = 9
-"""Numbers: p [-], da_th, b_safe [m/s^2], duration of a lane change [s]."""
+"""Numbers: p [-], da_th, b_safe [m/s²], duration of a lane change [s]."""
 
 
 class IdmMobil(Idm):
@@ -25,8 +25,8 @@ class IdmMobil(Idm):
 
     kind: Literal["idm_mobil"] = Field(description="intelligent driver model with lane changes [-]")  # type: ignore[assignment]
     politeness: float = Field(default=0.2, ge=0.0, le=1.0, description="weight of others' accelerations [-]")
-    threshold: Acceleration = Field(default=0.15, ge=0.0, le=5.0, description="smallest advantage [m/s^2]")
-    safe: Acceleration = Field(default=3.0, gt=0.0, le=20.0, description="deceleration that others may need [m/s^2]")
+    threshold: Acceleration = Field(default=0.15, ge=0.0, le=5.0, description="smallest advantage [m/s²]")
+    safe: Acceleration = Field(default=3.0, gt=0.0, le=20.0, description="deceleration that others may need [m/s²]")
     change_time: Duration = Field(default=4.0, gt=0.0, le=60.0, description="duration of a lane change [s]")
 
     def numbers(self) -> tuple[float, ...]:
@@ -37,13 +37,13 @@ class IdmMobil(Idm):
 def mobil(
     numbers: Array, own: float, own_then: float, new: float, new_then: float, old: float, old_then: float
 ) -> float:
-    """Return the advantage of a lane change beyond the threshold [m/s^2]; -inf if it is not safe.
+    """Return the advantage of a lane change beyond the threshold [m/s²]; -inf if it is not safe.
 
     The advantage is ã_c - a_c + p (ã_n - a_n + ã_o - a_o), the change is safe if ã_n >= -b_safe.
 
     Args:
         numbers: parameters.
-        own: acceleration of the actor now [m/s^2].
+        own: acceleration of the actor now [m/s²].
         own_then: after the change.
         new: acceleration of the follower on the new lane now; 0 without one.
         new_then: after the change.

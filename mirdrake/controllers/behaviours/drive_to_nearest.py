@@ -78,7 +78,7 @@ class DriveToNearestSpec(BehaviourDriver):
     kind: Literal["drive_to_nearest_and_stop"] = Field(description="to the nearest object, and stop before it [-]")
     speed: Speed = Field(3.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]")
     distance: Length = Field(2.0, ge=0.0, description="distance of the front edge to the object at the end [m]")
-    deceleration: Acceleration = Field(2.0, gt=0.0, description="deceleration of the braking profile [m/s^2]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="deceleration of the braking profile [m/s²]")
     reaction: Reaction = 0.3
-    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s²]")
     period: DecisionPeriod = 0.05

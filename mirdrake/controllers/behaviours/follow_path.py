@@ -79,9 +79,9 @@ class FollowPathSpec(Driver):
     speed: Speed = Field(
         5.0, gt=0.0, le=100.0, description="set-point of the speed [m/s]; corners may be driven slower"
     )
-    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
-    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
-    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s^2]")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s²]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s²]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration [m/s²]")
     period: DecisionPeriod = 0.05
 
     @model_validator(mode="after")

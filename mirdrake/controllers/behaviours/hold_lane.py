@@ -157,9 +157,9 @@ class HoldLaneSpec(Driver):
     clearance: Length = Field(
         0.2, ge=0.0, description="lateral distance within which an object obstructs the vehicle [m]"
     )
-    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
-    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s^2]")
-    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration, also of the stop [m/s^2]")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s²]")
+    acceleration: Acceleration = Field(1.5, gt=0.0, description="largest acceleration [m/s²]")
+    deceleration: Acceleration = Field(2.0, gt=0.0, description="largest deceleration, also of the stop [m/s²]")
     reaction: Reaction = 0.3
     period: DecisionPeriod = 0.05
 

@@ -28,7 +28,7 @@ def brake_speed(gap: float, *, deceleration: float, reaction: float) -> float:
 
     Args:
         gap: how far the car may still go [m]; 0 below 1 cm.
-        deceleration: a [m/s^2].
+        deceleration: a [m/s²].
         reaction: t, the delay until the brakes act [s].
     """
     if gap < _AT_REST:
@@ -56,7 +56,7 @@ def approach_speed(gap: float, *, distance: float, deceleration: float, reaction
     Args:
         gap: distance of the nearest obstacle on the way [m]; infinite without one.
         distance: the gap that is left when the car stops [m].
-        deceleration: a [m/s^2].
+        deceleration: a [m/s²].
         reaction: t, the delay until the brakes act [s].
         period: T, the time between decisions [s].
     """
@@ -77,8 +77,8 @@ def bend_speed(
     Args:
         curvatures: k of the way (n) [1/m].
         distances: s at which the curvatures begin (n) [m].
-        lateral_acceleration: a_y [m/s^2].
-        deceleration: a [m/s^2].
+        lateral_acceleration: a_y [m/s²].
+        deceleration: a [m/s²].
         reaction: t, the delay until the brakes act [s].
     """
     lag = deceleration * reaction

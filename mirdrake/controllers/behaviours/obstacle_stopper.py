@@ -82,6 +82,6 @@ class ObstacleStopperSpec(BehaviourDriver):
     as_published: bool = Field(
         False, description="switch the speed off at `distance`, as published, without a braking profile [-]"
     )
-    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s^2]")
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s²]")
     reaction: Reaction = 0.3
     period: DecisionPeriod = 0.05

@@ -277,8 +277,8 @@ class StraightAndAvoidSpec(BehaviourDriver):
     lookahead: Length = Field(
         12.0, gt=0.0, description="least distance that it looks ahead [m]; always at least its stopping distance"
     )
-    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s^2]")
+    deceleration: Acceleration = Field(3.0, gt=0.0, description="deceleration of the braking profile [m/s²]")
     reaction: Reaction = 0.3
-    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s^2]")
+    lateral_acceleration: Acceleration = Field(3.0, gt=0.0, description="largest lateral acceleration [m/s²]")
     convergence_distance: Length = Field(3.0, gt=0.0, description="distance over which it returns to the line [m]")
     period: DecisionPeriod = 0.05

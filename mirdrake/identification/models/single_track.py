@@ -121,7 +121,7 @@ _LAG = 0.05  # usual lag of a steering [s]
 _DRIVE, _BRAKE = 0.5, 0.25  # standard deviations of the front axle's shares of drive and braking [1]
 _SENSOR_DELAY = 0.01  # usual delay of a separate instrument: a sample at 100 Hz [s]
 _DELAY_PARAMETERS = {channel: name for channel, name, _ in DELAYS}
-_ROLL_GAIN = 0.01  # usual roll over lateral acceleration: 5.6 degrees at g [rad s^2/m]
+_ROLL_GAIN = 0.01  # usual roll over lateral acceleration: 5.6 degrees at g [rad s²/m]
 _ROLL_STEER = 0.05  # slip of an axle over roll: half the camber thrust of the Ford Escort of CommonRoad [1]
 _ROLL_PARAMETERS = {
     "roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "accelerometer_height", "velocity_height",

@@ -168,7 +168,7 @@ class Car(Parts):
         mount_frames: links that sensors sit in.
         mounts: sensors.yaml as data.
         variant: variants/imported.yaml as data; None if there is none.
-        licence: licence as found.
+        licence: licence in the source.
         changes: all of them.
         warnings: sentences for the user that come first.
     """

@@ -141,7 +141,7 @@ def _road_in_mesh(shape: Shape, obj: SourceObject, *, whole: bool) -> Surface | 
         return None
     pieces, _ = pieces_of(shape)
     roads = [piece for piece in pieces if _names_a_road((*piece.names, piece.material.name))]
-    # If all parts have such names, they say nothing about where the road is.
+    # If all parts have such names, they do not show where the road is.
     if not roads or len(roads) == len(pieces):
         return None
     X = obj.X_WM @ shape.X_LG

@@ -7,7 +7,7 @@ Drake's contact solver also solves servos, joint damping and joint limits, impli
 
 with the inertia I of the joint, its damping D, the gains k and d of its servo with the set-points q* and v*, the known
 force F (road, motor, and the gyroscopic moment of a spinning wheel), and R the force of all other sources: the part of
-the last change of v that the other terms do not explain. R is late by a step. A stiff servo of a light joint, I / dt <<
+the last change of v that the other terms do not explain. R lags by one step. A stiff servo of a light joint, I / dt <<
 d, needs it exactly: an error of R changes the velocity by dt / I, which the servo corrects only in the next steps. The
 gyroscopic moment on a steering axis is therefore not in R: it is the one that changes fastest, with the roll rate.
 
