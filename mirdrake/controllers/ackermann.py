@@ -304,7 +304,7 @@ class Ackermann:
 class UniorLinkage(Ackermann):
     """Steering law of the Avrora Unior; see :meth:`Ackermann.unior_wheel_angles`.
 
-    What the other law calls bicycle angle is here the robot's input: ``limit`` and ``rate`` are those of the input.
+    Its input is that of the robot in place of the bicycle angle; ``limit`` and ``rate`` belong to this input.
 
     Args:
         geometry: lengths and limits of the vehicle.

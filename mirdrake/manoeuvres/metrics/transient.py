@@ -46,20 +46,20 @@ def crossing(time: Array, values: Array, level: float, *, after: float = -math.i
     return float(time[index] + part * (time[index + 1] - time[index]))
 
 
-def step_response(time: Array, steering: Array, answer: Array, *, last: float) -> StepResponse:
+def step_response(time: Array, steering: Array, output: Array, *, last: float) -> StepResponse:
     """Return the figures of the response to a step.
 
     Args:
         time: increasing times [s].
         steering: steering angle, zero before the step [rad].
-        answer: yaw rate or lateral acceleration.
+        output: yaw rate or lateral acceleration.
         last: time at the end over which final values are averaged [s].
     """
     end = time >= time[-1] - last
-    final, steady = float(np.mean(steering[end])), float(np.mean(answer[end]))
+    final, steady = float(np.mean(steering[end])), float(np.mean(output[end]))
     # ISO 7401: the time origin is where the steering has reached half of its final value.
     start = crossing(time, steering, 0.5 * final)
-    relative = answer / steady
+    relative = output / steady
     since = time >= start
 
     # Before the origin the response is not that of the step; -inf keeps such samples from being the peak.
@@ -143,14 +143,14 @@ class FrequencyResponse:
 
 
 def frequency_response(
-    time: Array, steering: Array, answer: Array, *, first: float, last: float, segment: float
+    time: Array, steering: Array, output: Array, *, first: float, last: float, segment: float
 ) -> FrequencyResponse:
     """Return gain, phase and coherence: cross spectrum over power spectrum of the steering (H1 estimator).
 
     Args:
         time: times at equal steps [s].
         steering: steering angle [rad].
-        answer: response.
+        output: response.
         first: lowest frequency [Hz].
         last: highest frequency [Hz].
         segment: length of the segments over which spectra are averaged [s]; its inverse is the resolution.
@@ -159,9 +159,9 @@ def frequency_response(
     # Same segments for all spectra, else the ratio H1 = S_uy / S_uu is biased.
     count = min(len(time), round(segment * rate))
     settings = {"fs": rate, "nperseg": count, "noverlap": count // 2, "detrend": "constant"}
-    frequency, cross = scipy.signal.csd(steering, answer, **settings)
+    frequency, cross = scipy.signal.csd(steering, output, **settings)
     _, power = scipy.signal.welch(steering, **settings)
-    _, out = scipy.signal.welch(answer, **settings)
+    _, out = scipy.signal.welch(output, **settings)
     chosen = (frequency >= first) & (frequency <= last) & (power > 0.0)
     response = cross[chosen] / power[chosen]
     # The floor avoids 0/0 where the response has no power.
