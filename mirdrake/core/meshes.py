@@ -58,6 +58,12 @@ def linear_to_srgb(linear: Array) -> Array:
     return result
 
 
+def area_vectors(triangles: Array) -> Array:
+    """Return the outward normals of counter-clockwise triangles (n, 3, 3); their length is twice the area."""
+    vectors: Array = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return vectors
+
+
 def pbr_material(
     color: Sequence[float], *, roughness: float, metallic: float = 0.0, texture: int | None = None
 ) -> Json:

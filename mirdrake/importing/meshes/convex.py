@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 import shapely
+import trimesh
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from mirdrake.core.digest import digest
@@ -236,9 +235,7 @@ def _volume(points: Array, faces: NDArray[np.int64]) -> float | None:
 
 
 def _bodies(count: int, faces: NDArray[np.int64]) -> NDArray[Any]:
-    rows, columns = np.concatenate((faces[:, :2], faces[:, 1:])).T
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
+    label = trimesh.graph.connected_component_labels(np.concatenate((faces[:, :2], faces[:, 1:])), count)
     _, bodies = np.unique(label[faces[:, 0]], return_inverse=True)
     return np.asarray(bodies).ravel()
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
-from mirdrake.core.meshes import linear_to_srgb
+from mirdrake.core.meshes import area_vectors, linear_to_srgb
 from mirdrake.importing.changes import Change, Code
 
 Array = NDArray[np.float64]
@@ -215,7 +215,7 @@ def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
         count += len(finite)
         broken += int((~finite).sum())
         corners = np.where(finite[:, None, None], piece.corners, 0.0)
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        area = np.linalg.norm(area_vectors(corners), axis=1)
         good = finite & (area > 0.0)
         if good.any():
             valid.append(piece if good.all() else piece.taking(good))
@@ -237,7 +237,7 @@ def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]
         if piece.normals is not None:
             # The sum of the normals at the corners: single ones may be wrong at sharp edges.
             stated = np.nan_to_num(_unit(piece.normals)).sum(axis=1)
-            against = np.einsum("ij,ij->i", _areas(piece.corners), stated) < 0.0
+            against = np.einsum("ij,ij->i", area_vectors(piece.corners), stated) < 0.0
             if against.any():
                 turned += int(against.sum())
                 piece = piece.reversed(against)
@@ -270,7 +270,7 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     if not same.any():
         return list(pieces)
     # Of each pair, the textured triangle stays, else the one that faces outwards.
-    face = _areas(corners)
+    face = area_vectors(corners)
     # Positive for a triangle that faces away from the middle of the mesh.
     rank = np.einsum("ij,ij->i", face, corners.mean(axis=1) - corners.mean(axis=(0, 1)))
     textured = np.concatenate([np.full(len(piece.corners), piece.material.picture is not None) for piece in pieces])
@@ -292,12 +292,6 @@ def _runs(same: NDArray[Any]) -> Iterator[tuple[int, int]]:
     """Yield first and last index of each run of true values."""
     edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
     yield from zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True)
-
-
-def _areas(corners: Array) -> Array:
-    """Return the normals of triangles (n, 3, 3); their length is twice the area."""
-    normals: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normals
 
 
 def _unit(vectors: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core import meshes
-from mirdrake.core.meshes import Primitive, pbr_material, srgb_to_linear
+from mirdrake.core.meshes import Primitive, area_vectors, pbr_material, srgb_to_linear
 from mirdrake.importing.meshes.read import Array, Material, Note, Piece
 
 GREY = (0.7, 0.7, 0.7, 1.0)
@@ -163,7 +163,7 @@ def _indexed(piece: Piece) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | N
 def corner_normals(piece: Piece) -> Array:
     """Return unit normals at the corners (n, 3, 3): those of the file, else smoothed up to edges of 40°."""
     corners = piece.corners
-    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face = area_vectors(corners)
     unit = face / np.linalg.norm(face, axis=1)[:, None]
     if piece.normals is not None:
         length = np.linalg.norm(piece.normals, axis=2, keepdims=True)
@@ -219,7 +219,7 @@ def simplify(piece: Piece, *, keep: float) -> Piece:
     points, index = weld(piece.corners.reshape(-1, 3))
     fewer, faces = fast_simplification.simplify(points, index.reshape(-1, 3), target_reduction=1.0 - keep)
     corners = np.asarray(fewer, dtype=float)[np.asarray(faces)]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(area_vectors(corners), axis=1)
     corners = corners[area > 0.0]
     if not len(corners):
         return piece

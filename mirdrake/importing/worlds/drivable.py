@@ -8,6 +8,7 @@ from pathlib import PurePath
 import numpy as np
 import shapely
 
+from mirdrake.core.meshes import area_vectors
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.model import Array, SourceObject
@@ -148,7 +149,7 @@ def _road_in_mesh(shape: Shape, obj: SourceObject, *, whole: bool) -> Surface | 
     corners = np.concatenate([piece.corners for piece in roads]) @ X.rotation().matrix().T + X.translation()
     if len(corners) > _MOST_TRIANGLES or not np.isfinite(corners).all():
         return None
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     upper = corners[np.abs(normal[:, 2]) > _GENTLE * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)]
     if not len(upper):
         return None
@@ -230,7 +231,7 @@ def corners_in_world(shape: Shape, obj: SourceObject) -> Array:
 def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
     """Return the level upper faces of a shape and whether nothing of it is above them; none if it has no wide one."""
     none = corners[:0]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     area = np.linalg.norm(normal, axis=1)
     slope = np.abs(normal[:, 2]) / np.maximum(area, 1e-12)
     low, high = float(corners[:, :, 2].min()), float(corners[:, :, 2].max())

@@ -7,9 +7,8 @@ import numpy as np
 import shapely
 import trimesh
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from mirdrake.core.meshes import area_vectors
 from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.meshes.write import weld, write_obj
 from mirdrake.importing.shape import Shape
@@ -54,7 +53,7 @@ def kind_of(corners: Array) -> str:
     side, height = float(edges[:2].max()), float(edges[2])
     if side < _ROOM or height <= FLAT:
         return "solid"
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     area = np.linalg.norm(normal, axis=1)
     upright = np.abs(normal[:, 2]) <= _UPRIGHT * area
     walled = area[upright].sum() > 0.3 * area.sum() or (upright.any() and _is_level(corners[~upright], area[~upright]))
@@ -141,7 +140,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> tuple
     faces = np.concatenate(rest or [faces[:0]]) if len(bodies) <= _MOST_PARTS else faces
     parts = [points[np.unique(body)] for body in whole if np.ptp(points[np.unique(body)][:, 2]) > FLAT]
     triangles = points[faces]
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal = area_vectors(triangles)
     low, high = points[:, 2].min(), points[:, 2].max()
     above = triangles.mean(axis=1)[:, 2] > low + max(FLAT, 0.25 * (high - low))
     faces = faces[above | (np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1))]
@@ -171,15 +170,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> tuple
 
 def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return the connected parts of a mesh as rows of `faces`; edges of two triangles connect."""
-    edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
-    face = np.tile(np.arange(len(faces)), 3)
-    # In sorted order equal edges are adjacent; an edge of exactly two triangles connects them.
-    order = np.lexsort(edges.T)
-    edges, face = edges[order], face[order]
-    first = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
-    pair = first[np.diff(np.r_[first, len(edges)]) == 2]
-    graph = coo_matrix((np.ones(len(pair)), (face[pair], face[pair + 1])), shape=(len(faces), len(faces)))
-    _, label = connected_components(graph, directed=False)
+    label = trimesh.graph.connected_component_labels(trimesh.graph.face_adjacency(faces), len(faces))
     order = np.argsort(label, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 

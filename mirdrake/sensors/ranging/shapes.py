@@ -28,6 +28,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from mirdrake.core.hulls import hull_points
+from mirdrake.core.meshes import area_vectors
 from mirdrake.sensors.ranging.faces import Array, Faces, Quadric, flat, joined
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -101,7 +102,7 @@ def _tube(radius: float, half: float, *, closed: bool) -> Faces:
 def _wrapped_sphere() -> Array:
     """Return triangles (m, 3, 3) around a unit sphere, none of them inside of it."""
     corners = np.asarray(trimesh.creation.icosphere(subdivisions=4).triangles)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     # Enlarged until no triangle is inside of the sphere: a ray then meets the wrapping before the sphere.
     wrapped: Array = corners / float(np.einsum("ij,ij->i", normal, corners[:, 0]).min())

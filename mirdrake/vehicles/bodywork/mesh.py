@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirdrake.core.meshes import Array, Primitive, pbr_material, srgb_to_linear, write_gltf
+from mirdrake.core.meshes import Array, Primitive, area_vectors, pbr_material, srgb_to_linear, write_gltf
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Mesh:
     def add(self, material: str, triangles: Array, normals: Array) -> None:
         """Add triangles (n, 3, 3) with the normals at their corners; turns those that face against their normals."""
         # Degenerate triangles have no direction; the others are wound so that their face agrees with the normals.
-        face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        face = area_vectors(triangles)
         keep = np.linalg.norm(face, axis=1) > 1e-10
         triangles, normals, face = triangles[keep], normals[keep], face[keep]
         wrong = np.einsum("ij,ij->i", face, normals.sum(axis=1)) < 0

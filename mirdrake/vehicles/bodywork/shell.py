@@ -15,6 +15,7 @@ import scipy  # it imports its parts when they are first used
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.meshes import area_vectors
 from mirdrake.vehicles.bodywork.mesh import Mesh
 from mirdrake.vehicles.bodywork.shapes import Array, triangulate
 
@@ -86,7 +87,7 @@ class Shell:
         faces = np.concatenate([np.stack([p, r, q], axis=-1), np.stack([p, s, r], axis=-1)]).reshape(-1, 3)
         points = grid.reshape(-1, 3)
         corners = points[faces]
-        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = area_vectors(corners)
         normals = np.zeros_like(points)
         for column in faces.T:
             np.add.at(normals, column, area)
@@ -217,7 +218,7 @@ class Shell:
             only: the material it is drawn on; on all if empty.
         """
         axes = picture_axes(view)
-        normal = np.cross(self.triangles[:, 1] - self.triangles[:, 0], self.triangles[:, 2] - self.triangles[:, 0])
+        normal = area_vectors(self.triangles)
         # Triangles that face the view; the threshold leaves out those that are seen at a grazing angle.
         visible = normal @ np.array(view) > facing * np.linalg.norm(normal, axis=1)
         if view in (FRONT, REAR):  # what lies in front of the driver, or behind
