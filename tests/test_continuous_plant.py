@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import Assembly, assemble, make_diagram
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.compiled import compiled, records
-from mirdrake.plant.plant import implicit_servo, solves_joints
+from mirdrake.plant.plant import PlantParts, implicit_servo, make_plant, solves_joints
 from mirdrake.plant.wheels.joint_step import JOINT_PARTS, JointMemory, StiffJoint, joint_steps
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles.joint_control import ServoGains
@@ -252,6 +252,8 @@ CONNECT = [["ego.speed_command", "delay.u"]]
         ({"world": "barrels"}, False),  # loose bodies
         ({"world": "hill_road"}, True),
         ({"sensors": {"ego": ["gps"]}}, True),
+        ({"control": {"ego": {"kind": "constant", "period": 0.012}}}, True),  # a function of time, without events
+        ({"control": {"ego": {"kind": "path_tracking", "speed": 5.0, "period": 0.012}}, "world": "test_track"}, False),
     ],
 )
 def test_only_what_disturbs_its_steps_makes_a_plant_discrete(changes: dict[str, Any], continuous: bool) -> None:
@@ -259,6 +261,20 @@ def test_only_what_disturbs_its_steps_makes_a_plant_discrete(changes: dict[str, 
     if "world" in changes:
         data["vehicles"] = {"ego": {"model": "bolt"}}
     assert solves_joints(assemble(make_spec(data)).parts.plant) is not continuous
+
+
+@pytest.mark.parametrize("step", [0.004, 0.005])
+def test_the_plant_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: float) -> None:
+    """Whether its steps would be divided, here by the 10 ms of the powertrain, is known from the data."""
+    made = []
+
+    def make(*arguments: Any, **settings: Any) -> PlantParts:
+        made.append(make_plant(*arguments, **settings))
+        return made[-1]
+
+    monkeypatch.setattr("mirdrake.assembly.diagram.make_plant", make)
+    on_ground(tmp_path, contact="tyre", step=step, record={"rate": 50.0})
+    assert [solves_joints(parts.plant) for parts in made] == [step == 0.004]
 
 
 def test_a_car_stops_at_a_wall(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.assembly.parts`.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +33,7 @@ from mirdrake.assembly.parts.actors import TRAFFIC, add_traffic
 from mirdrake.assembly.parts.forces import add_outer_forces, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start, start_of_actor
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
+from mirdrake.assembly.parts.steps import keeps_steps
 from mirdrake.assembly.parts.taps import Tap, add_taps
 from mirdrake.assembly.parts.vehicles import add_drawn_wheels, add_vehicle_systems
 from mirdrake.assembly.scene import Scene, make_scene
@@ -40,14 +41,12 @@ from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.core.drake_errors import algebraic_loop
 from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
-from mirdrake.core.user_systems import sampling_period
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import SCHEME, PlantParts, make_plant, set_start, solves_joints
 from mirdrake.plant.wheels import TyreSystem
 from mirdrake.sensors.cameras.camera import Camera
 from mirdrake.sensors.perception import add_cloud_overlays
-from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Start
 
 __all__ = ["Assembly", "DiagramSpec", "Tap", "assemble", "load_diagram", "make_diagram", "make_spec"]
@@ -284,7 +283,7 @@ def assemble(
             raise ConfigError(f"{place}: no vehicle '{vehicle}', of which a block is replaced; {hint}")
     check_sensors(spec, vehicles)
 
-    continuous = continuous and _keeps_steps(spec, vehicles, factories or {})
+    continuous = continuous and keeps_steps(spec, scene, factories or {})
     # The plant, and per vehicle its control unit, driver, ground truth and sensors.
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
@@ -335,11 +334,6 @@ def assemble(
         diagram = builder.Build()
     except RuntimeError as error:
         raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
-    if continuous and _divides_steps(wiring.systems.values(), spec.plant.time_step):
-        return assemble(
-            spec, meshcat=meshcat, scene=scene, drawing_period=drawing_period, drawn=drawn, expand=expand,
-            factories=factories, continuous=False,
-        )  # fmt: skip
     diagram.set_name(spec.name)
     cameras = {
         f"{vehicle}.{sensor}": (wiring.systems[f"{vehicle}.{sensor}"], vehicle)
@@ -372,41 +366,6 @@ def assemble(
         {sink: source for source, sink in reversed(wiring.defaults)},
         {name: port for name, (port, _) in wiring.sources.items()},
     )
-
-
-def _keeps_steps(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], factories: Mapping[str, Any]) -> bool:
-    """Return whether all events of a diagram coincide with steps of its plant, and only the plant is continuous.
-
-    An event within a step would divide it, and the integration would depend on it. Of user systems only those are known
-    whose class states its period.
-    """
-    if factories:
-        return False
-    rates = [spec.record.rate] if spec.record.signals else []
-    for entry in spec.systems.values():
-        period = sampling_period(entry.kind, entry.parameters(), folder=spec.folder)
-        if period is None:
-            return False
-        rates.append(1.0 / period)
-    delays = []
-    for name, vehicle in vehicles.items():
-        rates.append(vehicle.control.rate)
-        for sensor in spec.sensors.get(name, ()):
-            mount = vehicle.sensors.mounts[sensor]
-            rates.append(mount.rate)
-            delays.append(mount.latency)
-    step = spec.plant.time_step
-    return all(_is_whole(1.0 / (rate * step)) for rate in rates) and all(_is_whole(time / step) for time in delays)
-
-
-def _divides_steps(systems: Iterable[System], step: float) -> bool:
-    """Return whether the period of a system, as of powertrains and drivers, is not a multiple of a step [s]."""
-    periods = [getattr(system, "period", None) for system in systems]
-    return not all(_is_whole(period / step) for period in periods if isinstance(period, float))
-
-
-def _is_whole(number: float) -> bool:
-    return abs(number - round(number)) < 1e-9
 
 
 def _build_fault(error: Exception) -> str:

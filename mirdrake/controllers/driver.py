@@ -57,6 +57,14 @@ class Driver(Schema):
             ConfigError: the settings do not fit the vehicle or the world.
         """
 
+    def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002
+        """Return the periods of the events of its system [s], by default the field `period`; None: not known.
+
+        Args:
+            folder: folder of the user's modules.
+        """
+        return (getattr(self, "period", None),)
+
     def resolve_paths(self, folder: Path) -> None:
         """Make paths of files absolute that are relative to the folder of the diagram file."""
 

@@ -34,7 +34,7 @@ from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
 from mirdrake.controllers.traffic_driver import TrafficDriverSpec
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
-from mirdrake.core.user_systems import make_user_system
+from mirdrake.core.user_systems import make_user_system, sampling_period
 from mirdrake.core.vectors import COMMAND
 
 DRIVER_KINDS: tuple[type[Driver], ...] = (
@@ -90,6 +90,10 @@ class OwnDriverSpec(Driver):
                 f"steering rad, stamp s); its output ports are {', '.join(ports) or 'none'}"
             )
         return driver
+
+    def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:
+        """Return the period that its class states; see :func:`mirdrake.core.user_systems.sampling_period`."""
+        return (sampling_period(self.kind, self.model_extra or {}, folder=folder),)
 
 
 def _tag(value: Any) -> Any:

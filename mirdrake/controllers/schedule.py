@@ -137,6 +137,10 @@ class ConstantSpec(Driver):
         """Return the driver as a system with the output port ``command``."""
         return ConstantCommand(self.speed, self.steering, period=self.period)
 
+    def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002
+        """Return no period: the command is a function of time, without events."""
+        return ()
+
 
 class ScheduleRow(Schema):
     """Command at a time."""
@@ -211,3 +215,7 @@ class ScheduleSpec(Driver):
         except ConfigError as error:
             raise ConfigError(f"{self.place('file', where)}: {error}") from None
         return CommandSchedule(schedule, period=self.period or (0.02 if self.file is None else 0.001))
+
+    def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002
+        """Return no period: the command is a function of time, without events."""
+        return ()
