@@ -68,3 +68,8 @@ def _package(file: Path) -> Path:
     """Return the package folder of a file, else the folder of the file."""
     folder = Path(os.path.abspath(file)).parent
     return next((above for above in (folder, *list(folder.parents)[:_LEVELS]) if _is_package(above)), folder)
+
+
+def without_folder(message: str, folder: Path) -> str:
+    """Return a message without the folder in which an import makes its files; it is gone when the message is read."""
+    return message.replace(f"{display_path(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")

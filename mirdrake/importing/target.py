@@ -4,8 +4,10 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.yaml_io import display_path
+from mirdrake.importing.places import without_folder
+from mirdrake.worlds import World, load_world
 
 
 def check_target(target: Path, name: str, *, force: bool, made: Collection[str]) -> list[Path]:
@@ -32,6 +34,19 @@ def check_target(target: Path, name: str, *, force: bool, made: Collection[str])
                 f"{display_path(path)} was not made by an import, so it is not replaced; choose another name"
             )
     return existing
+
+
+def load_imported(file: Path, source: Path) -> World:
+    """Return the world of the file that an import has written.
+
+    Raises:
+        ModelError: the world cannot be loaded.
+    """
+    try:
+        return load_world(str(file))
+    except (ConfigError, WorldError) as error:
+        fault = without_folder(str(error).splitlines()[0], file.parent)
+        raise ModelError(f"{display_path(source)}:1: the imported world cannot be loaded: {fault}") from error
 
 
 def plain_name(name: str) -> str:

@@ -10,26 +10,24 @@
 A format is a function in a module of its own and a row of :data:`FORMATS`.
 """
 
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError, ModelError, WorldError
+from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import staging
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change
-from mirdrake.importing.places import Places
+from mirdrake.importing.places import Places, without_folder
 from mirdrake.importing.roads.commonroad import read_commonroad_world
 from mirdrake.importing.roads.gps_tracks import read_gps_world
 from mirdrake.importing.roads.opendrive import read_opendrive_world
 from mirdrake.importing.roads.openscenario import read_scenario_world
 from mirdrake.importing.roads.road_world import RoadWorld
-from mirdrake.importing.target import check_target, plain_name
+from mirdrake.importing.target import check_target, load_imported, plain_name
 from mirdrake.importing.worlds import WorldImport
 from mirdrake.importing.worlds.text import report_text
 from mirdrake.vehicles.scaffold import check_name
 from mirdrake.world_checks import check_world
-from mirdrake.worlds.loading import load_world
 
 __all__ = ["FORMATS", "import_road_world", "is_road_file"]
 
@@ -96,18 +94,9 @@ def _write(
     text = f"# Imported from {places.file(source)}; {name}.md lists what was changed or left out.\n{made.text}"
     world_file.write_text(text, encoding="utf-8")
 
-    # Messages must not name the temporary folder, which is gone when they are read.
-    def without_folder(message: str) -> str:
-        return message.replace(f"{display_path(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
-
-    try:
-        world = load_world(str(world_file))
-    except (ConfigError, WorldError) as error:
-        fault = without_folder(str(error).splitlines()[0])
-        raise ModelError(f"{display_path(source)}:1: the imported world cannot be loaded: {fault}") from error
     # Faults of the imported world are for the user to check: the import itself succeeded.
-    faults = [without_folder(fault.text) for fault in check_world(world, vehicle=None, first_steps=False)]
-    checks = (*made.checks, *(f"world check: {text}" for text in faults))
+    faults = check_world(load_imported(world_file, source), vehicle=None, first_steps=False)
+    checks = (*made.checks, *(f"world check: {without_folder(fault.text, building)}" for fault in faults))
     changes = tuple(dict.fromkeys(map(places.change, made.changes)))
     report = report_text(name, files=made.sources, entries=[], changes=changes, places=places, checks=checks)
     (building / f"{name}.md").write_text(report, encoding="utf-8")

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from mirdrake.core.errors import ModelError
-from mirdrake.core.yaml_io import display_path
+from mirdrake.importing.places import without_folder
 
 SLOWEST = 600.0
 """Seconds after which loading is given up."""
@@ -43,4 +43,4 @@ def run_module(module: str, folder: Path, *, seconds: float) -> tuple[int | None
     except subprocess.TimeoutExpired:
         return None, ""
     last = (done.stderr.strip().splitlines() or [""])[-1]
-    return done.returncode, last.replace(f"{display_path(folder)}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+    return done.returncode, without_folder(last, folder)

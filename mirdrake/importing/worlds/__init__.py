@@ -14,7 +14,6 @@ the world.
 """
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,14 +21,13 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RollPitchYaw
 
-from mirdrake.core.errors import ConfigError, ModelError, WorldError
+from mirdrake.core.errors import ModelError
 from mirdrake.core.files import staging
 from mirdrake.core.wording import plural
-from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.changes import Change, Changes, Code
-from mirdrake.importing.places import Places
+from mirdrake.importing.places import Places, without_folder
 from mirdrake.importing.sdf.search import Models
-from mirdrake.importing.target import check_target, plain_name
+from mirdrake.importing.target import check_target, load_imported, plain_name
 from mirdrake.importing.worlds.convert import Converter
 from mirdrake.importing.worlds.entry import Entry, degrees, into_grids, number
 from mirdrake.importing.worlds.ground import GroundText, make_ground
@@ -44,7 +42,6 @@ from mirdrake.world_checks import check_world
 from mirdrake.world_checks.overlaps import Neighbours
 from mirdrake.world_checks.support import find_unsupported
 from mirdrake.worlds import World
-from mirdrake.worlds.loading import load_world
 from mirdrake.worlds.props import PlacedProp
 
 __all__ = ["Change", "WorldImport", "import_world"]
@@ -166,14 +163,7 @@ def _build(
             scenery=scenery, overlaps=overlaps, heights=heights,
         )  # fmt: skip
         file.write_text(text, encoding="utf-8")
-        try:
-            return load_world(str(file))
-        except (ConfigError, WorldError) as error:
-            # The user does not know the folder in which the world was built.
-            fault = str(error).splitlines()[0].replace(f"{display_path(building)}{os.sep}", "")
-            raise ModelError(
-                f"{display_path(world.files[0])}:1: the imported world cannot be loaded: {fault}"
-            ) from error
+        return load_imported(file, world.files[0])
 
     show_progress("loading")
     laid = write(starts)
@@ -192,18 +182,13 @@ def _build(
         changes.add(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}")
     # The report lists what `mirdrake world check` would find.
     show_progress("checking")
-    remaining = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
+    remaining = [without_folder(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
     checks += tuple(f"world check: {text}" for text in remaining)
     reported = tuple(dict.fromkeys(map(places.change, changes)))
     report = report_text(name, files=world.files, entries=grids, changes=reported, places=places, checks=checks)
     (building / f"{name}.md").write_text(report, encoding="utf-8")
     return file.read_text(encoding="utf-8"), reported, checks, len(grids)
-
-
-def _relative(text: str, building: Path) -> str:
-    """Return a message without the folder in which the world was built."""
-    return text.replace(f"{display_path(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
 
 def _free_start(world: World, free: FreePlaces, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
