@@ -127,3 +127,25 @@ def test_stop_and_go_and_back_ends_at_rest(tmp_path, name, grade):
     assert np.ptp(last["ego.x"]) < 1e-5
     assert np.abs(last["ego.vx"]).max() < 1e-4
     assert np.ptp(last[FX].to_numpy(), axis=0).max() < 2.0
+
+
+@pytest.mark.parametrize("contact", ["point", "tyre"])
+@pytest.mark.parametrize("step", [0.01, 0.0025])
+def test_brakes_hold_the_wheels_of_a_robot_that_rocks_as_parking_brakes_do(contact, step):
+    """The robot rocks at 10 Hz on its tyres; torques that are late by a step would feed it at 10 ms."""
+    ranges: list[list[float]] = []
+    for parked in (True, False):
+        line = {"kind": "straight", "length": 50.0}
+        driver = {"kind": "mirdrake.manoeuvres.drivers:PathDriver", "line": line, "hands": False}
+        driver |= {"speeds": [[0.0, 0.0]]} if parked else {"pedals": [[0.0, 0.0, 1.0, 0.0]]}
+        spec = {
+            "world": "empty",
+            "vehicles": {"ego": {"model": "unior@handling", "speed": 0.05, "parked": parked}},
+            "control": {"ego": driver},
+            "plant": {"contact": contact, "time_step": step},
+            "record": {"rate": 100.0},
+        }
+        speed = Simulation(assemble(spec)).run(duration=3.0).signals["ego.vx"]
+        ranges.append([float(np.ptp(speed.loc[begin : begin + 0.5])) for begin in (0.5, 1.5, 2.5)])
+    assert ranges[1] == pytest.approx(ranges[0], rel=0.1)
+    assert ranges[1][2] < 0.25 * ranges[1][0]

@@ -62,11 +62,12 @@ class GroundMemory(NamedTuple):
         slip_x: the same [m/s].
         vy: the same [m/s].
         spin: the same [rad/s].
-        torque: torque of motor, brake and longitudinal force on the spin [N m].
+        torque: torque of motor, brake, rolling resistance and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s].
         begun: zero at the start, then 1.
+        stopped: 1 if the brake has stopped the wheel in the last step, else zero.
         twist: angle by which the contact patch is twisted [rad].
         rise: vertical velocity of the wheel centre [m/s].
     """
@@ -82,6 +83,7 @@ class GroundMemory(NamedTuple):
     kappa: float
     bend: float
     begun: float
+    stopped: float
     twist: float
     rise: float
 
@@ -190,14 +192,16 @@ def ground_step(
             curve.contact.overturning_by_fy,
         )
 
-        # Slip forces, pivoting moment, rolling resistance.
+        # Rolling resistance, slip forces, pivoting moment.
+        resistance = rolling_moment(wheel, load, contact.rolling, contact.spin)
         # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
         effort, gain, damping, rest = limited_effort(wheel, efforts), 0.0, wheel.damping, 0.0
         if len(joints) > 0:
             if before.begun > 0.0:
                 rest = wheel.inertia * (contact.spin - before.spin) / period - before.torque
             # Whether the servo is saturated follows from the road force of the last step.
-            mobile, others = wheel.inertia / period + joints[i].damping, rest - contact.rolling * before.fx
+            mobile = wheel.inertia / period + joints[i].damping
+            others = rest + resistance - contact.rolling * before.fx
             effort, gain = servo_effort(joints[i], x, car.positions, efforts, desired, period, others, mobile)
             damping = joints[i].damping + gain
         drive, brake = torques[i] + effort, torques[len(wheels) + i]
@@ -214,13 +218,12 @@ def ground_step(
             contact.rolling,
             drive,
             brake,
+            resistance,
             damping,
             period,
         )
 
-        # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
         twist, moment = pivoting(wheel, load, before.twist, contact.turn, now.vx, patch, period)
-        resistance = rolling_moment(wheel, load, contact.rolling, contact.spin)
         add_ground_force(
             force,
             wheel.place,
@@ -234,7 +237,7 @@ def ground_step(
         force[wheel.place.spin] += torque - effort
         if len(joints) > 0:
             # Servo and bearing at the end of the step; the plant has the bearing of its beginning.
-            change = (rest + torque - contact.rolling * fx) / (wheel.inertia / period + damping)
+            change = (rest + torque + resistance - contact.rolling * fx) / (wheel.inertia / period + damping)
             limit = joints[i].effort_limit
             motor = max(-limit, min(limit, effort - gain * change))
             actuation[joints[i].actuator] = motor

@@ -22,12 +22,13 @@ The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of
 of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the secant slip stiffness
 S = F' / κ' of the step before, are therefore solved exactly::
 
-    (I / h) s' = T + M_drive + M_brake - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
+    (I / h) s' = T + M - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
 
-with the spin inertia I, the rolling radius h, the slip velocity s = h ω - Vx, and T the torque from other sources
-(servo, bearing, rolling resistance, pitch of the body). T is the part of the last change of ω that the other terms do
-not explain. The law is evaluated at the slip that gives the mean of F. The mean of s, which deflects the tyre, is not
-that of both ends of the step; their difference is remembered. In steady motion s is constant, whatever T is.
+with the spin inertia I, the rolling radius h, the slip velocity s = h ω - Vx, the torque M of motor, brake and rolling
+resistance, and T the torque from other sources (servo, bearing, pitch of the body). T is the part of the last change of
+ω that the other terms do not explain. The law is evaluated at the slip that gives the mean of F. The mean of s, which
+deflects the tyre, is not that of both ends of the step; their difference is remembered. In steady motion s is constant,
+whatever T is.
 
 The curve of a tyre at its load is interpolated (:mod:`mirdrake.plant.wheels.tyre_nodes`). That of a Coulomb tyre is
 proportional to the load, so one curve is sufficient.
@@ -39,7 +40,9 @@ of :mod:`mirdrake.tyres.relaxation` joins both. The rolling resistance is an ext
 road pushes back with Crr N.
 
 A brake is Coulomb friction: its torque is the one that would stop the wheel by the end of the step, within its limit. A
-wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque.
+wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque. As T is late by a
+step, a wheel that is held turns a little to and fro while the body pitches. This is not a slip velocity of the tyre: it
+would feed the oscillation of a light vehicle, which rocks at 60 rad/s, at steps of 10 ms.
 
 The overturning moment of a tyre file is linear in the lateral force at each load and inclination.
 
@@ -142,11 +145,12 @@ class Memory(NamedTuple):
         slip_x: the same [m/s].
         vy: the same [m/s].
         spin: the same [rad/s].
-        torque: torque of motor, brake and longitudinal force on the spin [N m].
+        torque: torque of motor, brake, rolling resistance and longitudinal force on the spin [N m].
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s].
         begun: zero at the start, then 1.
+        stopped: 1 if the brake has stopped the wheel in the last step, else zero.
         twist: angle by which the contact patch is twisted [rad].
     """
 
@@ -161,6 +165,7 @@ class Memory(NamedTuple):
     kappa: float
     bend: float
     begun: float
+    stopped: float
     twist: float
 
 
@@ -235,6 +240,7 @@ def tyre_step(
         # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
         effort = limited_effort(wheel, efforts)
         drive, brake = torques[i] + effort, torques[len(wheels) + i]
+        resistance = rolling_moment(wheel, load, motion.rolling, motion.spin)
         fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
             law,
             curve.curve,
@@ -248,12 +254,11 @@ def tyre_step(
             motion.rolling,
             drive,
             brake,
+            resistance,
             wheel.damping,
             period,
         )
-        # Moments that the slip forces do not have: pivoting about the normal, and rolling resistance.
         twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
-        resistance = rolling_moment(wheel, load, motion.rolling, motion.spin)
         # The plant applies the load of its contact at the end of the step; the vertical force changes its elastic part
         # to that of the tyre.
         add_road_force(
@@ -289,6 +294,7 @@ def slip_forces(
     radius: float,
     drive: float,
     brake: float,
+    resistance: float,
     damping: float,
     period: float,
 ) -> tuple[float, float, float, float, float, float]:
@@ -307,6 +313,7 @@ def slip_forces(
         radius: effective rolling radius [m].
         drive: drive torque, signed [N m].
         brake: largest torque of the brake [N m].
+        resistance: torque of the rolling resistance [N m].
         damping: of the spin, by servo and bearing at the end of the step [N m s/rad].
         period: step of the plant [s].
 
@@ -314,14 +321,17 @@ def slip_forces(
         Fx [N], Fy [N], Mz [N m], kappa [1], tan alpha [1], torque [N m].
     """
     # Deflections: along now and in the middle of the step at constant spin, across in the middle.
-    settings = wheel.settings
+    settings, still = wheel.settings, before.stopped > 0.0
+    if still:
+        now = Motion(now.vx, now.vx, now.vy)
     along, across, rest, middle = before.along, before.across, 0.0, now
     if before.begun > 0.0:
         change_x, change_y = now.slip_x - before.slip_x, now.vy - before.vy
         mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x) - before.bend, before.vy)
         along = deflect_along(along, mean, contact, period, settings, change_x)
         across = deflect_across(across, now, contact, period, settings, change_y)
-        middle = Motion(now.vx, now.slip_x, now.vy + 0.5 * change_y)
+        slip_x = now.slip_x + 0.5 * change_x if still or wheel.held else now.slip_x
+        middle = Motion(now.vx, slip_x, now.vy + 0.5 * change_y)
         # T, the torque of all other sources: what the known torques leave unexplained of the last change of spin.
         rest = wheel.inertia * (spin - before.spin) / period - before.torque
     else:
@@ -329,26 +339,33 @@ def slip_forces(
     ahead = Deflection(deflect_along(along, now, contact, 0.5 * period, settings), across)
     kappa, tan_alpha = relaxed_slip(ahead, middle, contact, settings)
 
-    # Slip for the mean force, with the spin changed by drive, brake and road.
+    # Forces of a wheel that stands still, if the brake can hold it: it must bear T + M - Re Fx and remove the rest of
+    # the spin, -(I / dt + damping) ω.
     mobile = inf if wheel.held else wheel.inertia / period + damping
-    bend = 0.0
-    if not wheel.held:
+    given, bend, stopped = rest + drive + resistance, 0.0, 0.0
+    torque, needed = drive, 0.0
+    fx, fy, mz = 0.0, 0.0, 0.0
+    if still or wheel.held:
+        fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
+        if not wheel.held:
+            needed = scale * radius * fx - mobile * spin - given
+            still = abs(needed) < brake
+    # Slip for the mean force, with the spin changed by drive, brake, rolling resistance and road.
+    if not (still or wheel.held):
         kappa, bend = _mean_slip(
-            before, along, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
+            before, along, spin, kappa, contact, now, settings, radius, given, brake, mobile, period
         )
-    # Forces at this slip, and the torque of the brake.
-    fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
+        fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
+        needed = scale * radius * fx - mobile * spin - given
     fx, fy, mz = scale * fx, scale * fy, scale * mz
-    torque = drive
     if brake > 0.0 and not wheel.held:
-        # Torque that stops the wheel by the end of the step: (I / dt + damping) (-ω) = T + drive + brake - Re Fx.
-        needed = radius * fx - mobile * spin - rest - drive
         torque += max(-brake, min(brake, needed))
+        stopped = 1.0 if abs(needed) < brake else 0.0
 
-    # The longitudinal force counts as a known torque, so that the next T does not contain it.
-    kept.along, kept.across = along, across
+    # Longitudinal force and rolling resistance count as known torques, so that the next T does not contain them.
+    kept.along, kept.across, kept.stopped = along, across, stopped
     kept.vx, kept.slip_x, kept.vy, kept.spin = now.vx, now.slip_x, now.vy, spin
-    kept.torque, kept.fx, kept.kappa, kept.bend = torque - radius * fx, fx, kappa, bend
+    kept.torque, kept.fx, kept.kappa, kept.bend = torque + resistance - radius * fx, fx, kappa, bend
     return fx, fy, mz, kappa, tan_alpha, torque
 
 
