@@ -121,7 +121,7 @@ class StepSteerSpec(ManoeuvreSpec):
         outcome.add("sideslip", "Steady sideslip angle", slip, "deg", "negative: the nose points into the turn")
         # NaN compares unequal to itself: without a peak there is no TB factor.
         factor = -slip * yaw.peak_time if yaw.peak_time == yaw.peak_time else math.nan
-        outcome.add("tb", "TB factor", factor, "deg s", "sideslip x peak time of the yaw rate")
+        outcome.add("tb", "TB factor", factor, "deg s", "sideslip × peak time of the yaw rate")
         shown = time > self.settle - 0.3
         for label, unit, values in (
             ("Road-wheel angle times steering ratio", "deg", np.degrees(steer)),
