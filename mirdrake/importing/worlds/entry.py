@@ -81,9 +81,8 @@ def degrees(angle: float) -> str:
     value = float(np.degrees(angle))
     # An angle from rounded radians, such as 89.9998 deg, is written as a whole number.
     value = value if abs(value - round(value)) > 0.0005 else float(round(value))
-    text = f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")
-    text = "180" if text == "-180" else text
-    return f"{'0' if text in {'-0', ''} else text} deg"
+    text = number(value)
+    return "180 deg" if text == "-180" else f"{text} deg"
 
 
 def _value(values: tuple[float, ...]) -> str:

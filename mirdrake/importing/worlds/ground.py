@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
+import trimesh
 from pydrake.math import RigidTransform
 
+from mirdrake.core.wording import plural
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
@@ -259,7 +261,7 @@ def _lay_down(
             rise = max(surface.rise for surface in together)
             part = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
             was = f"level, {together[0].thickness:.3g} m thick, {sum(item.area for item in together):.4g} m²"
-            became = f"{count} patch{'es' if count != 1 else ''} of {look}"
+            became = f"{plural(count, 'patch')} of {look}"
             why = "drivable surfaces are ground"
             if rise > FLAT:
                 was, became = f"{was}, rising by {rise:.3g} m", f"{became}, flattened"
@@ -276,22 +278,12 @@ def _touching(surfaces: list[Surface]) -> list[list[Surface]]:
     """Return surfaces in groups that touch each other."""
     # Each area grows by FLAT, so that gaps of up to twice this width count as contact.
     areas = [shapely.union_all(surface.polygons).buffer(FLAT) for surface in surfaces]
-    group = list(range(len(surfaces)))
-    first, second = shapely.STRtree(areas).query(areas, predicate="intersects")
-    # Union-find: each surface leads to the smallest index of its group.
-    for a, b in zip(first.tolist(), second.tolist(), strict=True):
-        low, high = sorted((_root(group, a), _root(group, b)))
-        group[high] = low
+    pairs = shapely.STRtree(areas).query(areas, predicate="intersects")
+    labels = trimesh.graph.connected_component_labels(pairs.T, len(surfaces))
     groups: dict[int, list[Surface]] = {}
-    for index, surface in enumerate(surfaces):
-        groups.setdefault(_root(group, index), []).append(surface)
+    for label, surface in zip(labels.tolist(), surfaces, strict=True):
+        groups.setdefault(label, []).append(surface)
     return list(groups.values())
-
-
-def _root(group: list[int], index: int) -> int:
-    while group[index] != index:
-        index = group[index]
-    return index
 
 
 def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], changes: Changes) -> None:
@@ -336,8 +328,7 @@ def _looks_like(shape: Shape, obj: SourceObject, surfaces: list[Surface]) -> boo
 
 def _lifted(obj: SourceObject, above: float) -> SourceObject:
     """Return a visual-only object moved down by a height [m] to just above the ground."""
-    X = RigidTransform(obj.X_WM.rotation(), obj.X_WM.translation() - np.array([0.0, 0.0, above - _LIFT]))
-    return replace(obj, X_WM=X, collisions=[])
+    return replace(obj, X_WM=lowered(obj.X_WM, above - _LIFT), collisions=[])
 
 
 def _take_seen(world: SourceWorld, ground: GroundText, changes: Changes) -> list[Surface]:
@@ -376,7 +367,7 @@ def _lower_things(world: SourceWorld, ground: GroundText, surfaces: list[Surface
     lower = heights_below(surfaces, points, ground.height)
     moved = [(obj, drop) for obj, drop in zip(objects, lower.tolist(), strict=True) if abs(drop) > 1e-4]
     for obj, drop in moved:
-        obj.X_WM = RigidTransform(obj.X_WM.rotation(), obj.X_WM.translation() - np.array([0.0, 0.0, drop]))
+        obj.X_WM = lowered(obj.X_WM, drop)
     if moved:
         was = f"{len(moved)} on a surface up to {max(drop for _, drop in moved):.3g} m above the ground"
         why = "the surfaces below them were lowered"
@@ -418,7 +409,7 @@ def _lay_road(ground: GroundText, road: Road, changes: Changes) -> None:
     line = shapely.LineString(road.points[:, :2])
     areas = outline([line.buffer(road.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)])
     _add_polygons(ground, areas, road.name, surface, None)
-    became = f"{len(areas)} patch{'es' if len(areas) != 1 else ''} of {surface}"
+    became = f"{plural(len(areas), 'patch')} of {surface}"
     if route is not None:
         became += f", and track '{_new_track(ground, road.name, route, '')}' along its middle"
     changes.add(
@@ -589,5 +580,5 @@ def _surface(words: str) -> str | None:
 
 
 def lowered(X: RigidTransform, height: float) -> RigidTransform:
-    """Return a pose in the new world, whose ground is at a height [m] of the source."""
+    """Return a pose lowered by a height [m]; the ground of the new world is at that height of the source."""
     return RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, height]))
