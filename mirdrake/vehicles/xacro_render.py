@@ -11,6 +11,7 @@ from the packages only, environment variables by :data:`VARIABLES` only. ``docs/
 """
 
 import contextlib
+import glob
 import os
 import re
 import sys
@@ -20,6 +21,7 @@ import xml.dom.minidom
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 from xml.etree import ElementTree
@@ -32,6 +34,7 @@ from xacro.substitution_args import convert_value
 from mirdrake.core.errors import ModelError, did_you_mean
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import display_path
+from mirdrake.vehicles.expansions import Expansions
 from mirdrake.vehicles.xacro_expressions import Evaluator
 from mirdrake.vehicles.xacro_functions import LARGEST
 
@@ -102,7 +105,7 @@ class Urdf:
 
 @dataclass
 class _Expansion:
-    """State of an expansion: places, arguments, files, warnings, limits, and the places of texts of YAML files."""
+    """State of an expansion: places, arguments, files and their contents, warnings, limits, texts of YAML files."""
 
     given: frozenset[str] = frozenset()
     places: list[Place] = field(default_factory=list)
@@ -118,6 +121,8 @@ class _Expansion:
     elements: int = 0
     characters: int = 0
     texts: dict[str, tuple[str, int, tuple[str, ...]]] = field(default_factory=dict)
+    contents: dict[Path, bytes] = field(default_factory=dict)
+    depends_on_files_only: bool = True
 
     def tick(self) -> None:
         """Raise an error when the time of the expansion is over."""
@@ -170,6 +175,7 @@ class _Expansion:
 
         # The own parser knows the line of each element; minidom gives the tree that xacro needs.
         self.files.append(path)
+        self.contents[path] = data
         lines = parse_xml(data, name, error=ModelError).lines.values()
         try:
             document = xml.dom.minidom.parseString(data)
@@ -215,7 +221,8 @@ class _Expansion:
             _Yaml.add_constructor(unit.value.tag, unit.constructor)
         xacro.filestack.append(str(path))
         try:
-            text = resolved.read_text(encoding="utf-8")
+            self.contents[resolved] = resolved.read_bytes()
+            text = self.contents[resolved].decode("utf-8")
             # Events come before any tree exists, so a hostile file takes little memory; aliases are counted afterwards.
             depth = 0
             for number, event in enumerate(yaml.parse(text, Loader=_Yaml)):
@@ -261,6 +268,7 @@ class _Expansion:
 
     def found(self, package: str) -> str:
         """Return the folder of a package, for ``$(find package)``."""
+        self.depends_on_files_only = False
         folder = self.find(package) if self.find is not None else None
         if folder is None and self.find is not None:
             hint = f"give its folder with --package {package}=DIR"
@@ -277,6 +285,7 @@ class _Expansion:
         Raises:
             XacroException: the variable is not set or may not be read, and has no default.
         """
+        self.depends_on_files_only = False
         allowed = VARIABLES | {name_of.strip() for name_of in os.environ.get(MORE_VARIABLES, "").split(",")}
         if name in allowed and name in os.environ:
             return os.environ[name]
@@ -362,12 +371,26 @@ def render_xacro(
     """
     # xacro substitutes text, so that numbers of the caller become text first.
     given = {name: str(value) for name, value in (arguments or {}).items()}
-    note = _Expansion(frozenset({*given, *(defaults or {})}), find=find)
+    others = dict(defaults or {})
+
+    def expand() -> tuple[Urdf, Mapping[Path, bytes] | None]:
+        note = _Expansion(frozenset({*given, *others}), find=find)
+        urdf = _expand(path, given, others, where, note)
+        return urdf, note.contents if note.depends_on_files_only else None
+
+    return _EXPANSIONS.get((str(path), *map(frozenset, (given.items(), others.items()))), expand)
+
+
+_EXPANSIONS: Expansions[Urdf] = Expansions()
+
+
+def _expand(path: Path, given: Mapping[str, str], defaults: Mapping[str, str], where: str, note: _Expansion) -> Urdf:
+    """Expand a xacro file; arguments as of :func:`render_xacro`, values as texts."""
     with _LOCK, _wrapped_xacro(note):
         try:
             xacro.init_stacks(str(path))
             document = note.parse(path)
-            xacro.process_doc(document, mappings=dict(defaults or {}) | given, verbosity=0)
+            xacro.process_doc(document, mappings=dict(defaults) | dict(given), verbosity=0)
         except xacro.XacroException as error:
             # An unknown argument may be the cause of xacro's error, so it is reported first.
             _check_arguments(given, note, where)
@@ -491,6 +514,10 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
             )
         return eval_extension(text)
 
+    def matching(pattern: str) -> list[str]:
+        note.depends_on_files_only = False
+        return glob.glob(pattern)
+
     # xacro would reject the attribute in its own tags, and take it as a parameter of a macro.
     def _take(node: Any) -> None:
         note.note(node)
@@ -505,6 +532,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
     sys.setrecursionlimit(max(limit, 20 * MACROS))  # a macro within a macro takes some ten calls
     with (
         mock.patch.object(xacro, "parse", parse),
+        mock.patch.object(xacro, "glob", SimpleNamespace(glob=matching)),
         mock.patch.object(xacro, "check_attrs", noted_check_attrs),
         mock.patch.object(xacro, "handle_macro_call", noted_macro_call),
         mock.patch.object(xacro, "eval_all", noted_eval_all),
