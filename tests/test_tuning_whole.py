@@ -78,14 +78,14 @@ def test_a_rule_that_is_unstable_at_a_finer_step_does_not_have_to_be_beaten() ->
     acceptance = criteria(1.1, 1.0, verified={"rule": unstable, "best": Verification(finer=stable)})
     assert acceptance[-2:] == [("finer_step", True), ("robust_unlike_rules", True)]
     acceptance = criteria(1.1, 1.0, verified={"rule": Verification(finer=stable), "best": unstable})
-    assert acceptance[-2:] == [("finer_step", False), ("no_dearer_than_rule", False)]
+    assert acceptance[-2:] == [("finer_step", False), ("no_costlier_than_rule", False)]
 
 
 def test_costs_that_print_equal_do_not_decide() -> None:
-    assert criteria(1.0, 1.1)[-1] == ("no_dearer_than_rule", True)
-    assert criteria(1.0, 1.0)[-1] == ("no_dearer_than_rule", True)
-    assert criteria(1.00004, 1.0)[-1] == ("no_dearer_than_rule", True)  # both print 1
-    assert criteria(1.1, 1.0)[-1] == ("no_dearer_than_rule", False)
+    assert criteria(1.0, 1.1)[-1] == ("no_costlier_than_rule", True)
+    assert criteria(1.0, 1.0)[-1] == ("no_costlier_than_rule", True)
+    assert criteria(1.00004, 1.0)[-1] == ("no_costlier_than_rule", True)  # both print 1
+    assert criteria(1.1, 1.0)[-1] == ("no_costlier_than_rule", False)
 
 
 @pytest.mark.parametrize(("costs", "met"), [([0.9, 1.1, 1.2], False), ([1.5, 0.9, 0.8], True)])
@@ -100,7 +100,7 @@ def test_the_median_of_the_runs_decides_against_the_rule(costs: list[float], met
         candidate("base", 3.0), candidate("rule", 1.0), candidate("best", 0.5 if not met else 1.5),
         cost={"iae": 1.0}, constraints={}, monte_carlo=MonteCarlo(pd.DataFrame(rows), {}, 3, 0), verified={},
     )  # fmt: skip
-    (found,) = [criterion for criterion in acceptance if criterion.name == "no_dearer_than_rule"]
+    (found,) = [criterion for criterion in acceptance if criterion.name == "no_costlier_than_rule"]
     assert found.value == pytest.approx(sorted(costs)[1])
     assert (found.limit, found.met) == (1.0, met)
 
@@ -285,5 +285,5 @@ def test_a_loop_of_an_imported_vehicle_meets_all_criteria(tmp_path: Path) -> Non
     assert [criterion for criterion in result.acceptance if not criterion.met] == []
     assert len(result.acceptance) >= 6
     last = result.acceptance[-1]
-    assert last.name == "no_dearer_than_rule"
+    assert last.name == "no_costlier_than_rule"
     assert 0.0 < (last.value or 0.0) <= last.limit

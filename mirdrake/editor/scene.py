@@ -55,7 +55,7 @@ def prop_key(placed: PlacedProp) -> str:
 
 
 def read_scene(text: str, path: Path) -> Scene:
-    """Return the scene of a text.
+    """Return the scene of the text of a world file.
 
     Raises:
         ConfigError: the text has faults.

@@ -157,7 +157,7 @@ class _Streams:
         }
 
     def all(self) -> list[Iterator[Message]]:
-        """Return all streams."""
+        """Return an iterator of messages for each stream: events, signals, joints, frames, scene, sensors."""
         run, streams = self._run, [self._events()]
         # Signals exist only for a run with a folder, in which they were stored.
         if run.folder is not None and stored(run.folder / SIGNALS):

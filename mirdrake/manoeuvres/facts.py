@@ -176,9 +176,9 @@ def find_facts(vehicle: Vehicle) -> Facts:
 
 
 def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: float) -> float:
-    """Return the speed [m/s] at which rolling resistance and drag need all of the power, or a limit of speed acts.
+    """Return the top speed [m/s]: where rolling resistance and drag need all of the power, or the lowest limit.
 
-    A limit is that of the governor or that of the set-point.
+    Limits are those of the governor and of the set-point.
     """
     power = vehicle.spec.powertrain.max_power
     limits = (getattr(vehicle.spec.powertrain, "governed_speed", None), vehicle.control.speed.max_speed)

@@ -60,7 +60,7 @@ def render_page(
 
 @lru_cache(maxsize=4)
 def _environment(folder: Path | None) -> jinja2.Environment:
-    """Return the environment of the templates of this folder, and of another one."""
+    """Return the Jinja environment with the templates of this package and of another folder."""
     folders = [Path(__file__).parent, *([folder] if folder is not None else [])]
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(folders),

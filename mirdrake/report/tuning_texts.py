@@ -404,7 +404,7 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
         "monte_carlo": "Monte Carlo runs that are not stable",
         "finer_step": "tests at a finer step of the plant that are not stable",
         "own_slopes": "tests in which the output does not follow the vehicle's own slopes of the set-point",
-        "no_dearer_than_rule": f"{cost} that of the best {rule} within the constraints, {criterion.rule}",
+        "no_costlier_than_rule": f"{cost} that of the best {rule} within the constraints, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",
         "schedule": "speeds at and between which the schedule breaks a constraint",

@@ -75,7 +75,7 @@ def simulate(
 
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: the diagram cannot be built.
-        RunError: the folder cannot be written, or a block of the user's raised.
+        RunError: the folder cannot be written, or a user block raised an exception.
     """
     return Simulation(assemble(spec, meshcat=meshcat)).run(
         duration=duration, folder=folder, realtime_rate=realtime_rate, progress=progress

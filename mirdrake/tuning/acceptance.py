@@ -27,7 +27,7 @@ class Criterion:
             of the Monte Carlo of the cost over that of the baseline, less than 1; ``constraint``: a figure within its
             limit; ``monte_carlo``: number of runs that are not stable; ``finer_step``: 1 if not stable at a finer step
             of the plant; ``own_slopes``: 1 if it does not follow the vehicle's own slopes of the set-point;
-            ``no_dearer_than_rule``: median over the runs of the cost over that of the best rule, at
+            ``no_costlier_than_rule``: median over the runs of the cost over that of the best rule, at
             most 1; without a Monte Carlo, cost of at most that of the rule; ``robust_unlike_rules``: 1 if
             feasible and robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible, as no rule is; ``schedule``:
             number of speeds at which the gain schedule breaks a constraint.
@@ -40,7 +40,7 @@ class Criterion:
 
     name: Literal[
         "cheaper_than_baseline", "cheaper_in_runs", "constraint", "monte_carlo", "finer_step", "own_slopes",
-        "no_dearer_than_rule", "robust_unlike_rules", "feasible_unlike_rules", "schedule",
+        "no_costlier_than_rule", "robust_unlike_rules", "feasible_unlike_rules", "schedule",
     ]  # fmt: skip
     value: float | None
     limit: float
@@ -146,5 +146,5 @@ def accept(
         median = monte_carlo.median_ratio(winner.name, rule.name, cost) if monte_carlo is not None else None
         value, limit = (after, rule.trial.cost) if median is None else (median, 1.0)
         met = feasible and printed(value) <= printed(limit)
-        criteria.append(Criterion("no_dearer_than_rule", finite_or_none(value), limit, met, rule=rule.name))
+        criteria.append(Criterion("no_costlier_than_rule", finite_or_none(value), limit, met, rule=rule.name))
     return tuple(criteria)

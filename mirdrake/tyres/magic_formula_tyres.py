@@ -158,8 +158,8 @@ def make_law(parameters: MagicFormulaParameters) -> TyreLaw:
         slopes, scale = pure_slip(parameters, point), point.scale
         lengths = lengths_at(parameters, point, slopes)
         peak_x, peak_y = abs(slopes.dx) * scale, abs(slopes.dy) * scale
-        # kya is negative in ISO axes, the slip stiffness of the relaxation positive.
-        # The overturning moment as a straight line over Fy, through its values at half of the peaks of both sides.
+        # kya is negative in ISO axes; the slip stiffness of the relaxation is positive.
+        # The overturning moment is approximated by a straight line over Fy through its values at half of both peaks.
         half = 0.5 * abs(slopes.dy)
         left, right = (overturning_moment(parameters, point, side) for side in (half, -half))
         contact = Contact(

@@ -117,14 +117,14 @@ class ViewButtons:
 
     def follow(self) -> str | None:
         """Return the name of the view that was selected since the last call, or None."""
-        taken = None
+        selected = None
         for name, view in self._views.items():
             clicks = self._meshcat.GetButtonClicks(name)
             if clicks != self._clicks[name]:
                 self._clicks[name] = clicks
                 set_view(self._meshcat, view)
-                taken = view.name
-        return taken
+                selected = view.name
+        return selected
 
 
 def with_views(page: str, views: Iterable[View]) -> str:

@@ -63,12 +63,12 @@ def recorded_rows(spec: "ActorSpec", rear_axle: float) -> Array:
 
 
 def recorded_path(name: str, rows: Array, width: float) -> Lane:
-    """Return the path of a recorded actor as a lane, for maps and for others who meet it.
+    """Return the path of a recorded actor as a lane, for maps and for other actors that meet it.
 
     Args:
         name: id of the lane.
         rows: see :func:`recorded_rows`.
-        width: of the actor [m].
+        width: width of the actor [m].
     """
     kept = [rows[0, 1:3]]
     for point in rows[1:, 1:3]:

@@ -68,7 +68,7 @@ def times_to_contact(
     Args:
         volume: volume of the first object.
         poses: x, y [m] and yaw [rad] of its frame (n, 3).
-        velocities: of it in W (n, 2) [m/s].
+        velocities: its velocities in W (n, 2) [m/s].
         other: volume of the second object.
         other_poses: its poses (n, 3).
         other_velocities: its velocities (n, 2) [m/s].

@@ -55,7 +55,7 @@ def add_vehicle_systems(
     else:
         wiring.link(set_points, wiring.systems[f"{name}.tyres"].GetInputPort("desired_state"))
     wiring.link(join.get_output_port(), control.GetInputPort("command"))
-    between = (  # where blocks of the user's may stand: noise of the sensors, delay of the actuators
+    between = (  # connections into which users insert blocks: noise of sensors, delay of actuators
         ("plant_state", plant.get_state_output_port(), "measured_state", control.GetInputPort("plant_state")),
         (
             "torque_command",
@@ -76,8 +76,8 @@ def add_vehicle_systems(
         control.GetOutputPort("status"),
     ):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
-    for own in ("state", "status"):
-        wiring.name_elements(f"{name}.{own}", name)
+    for vector in ("state", "status"):
+        wiring.name_elements(f"{name}.{vector}", name)
     wiring.sources[f"{name}.joint_torques"] = (_joint_torques(wiring, parts, part), None)
     powertrain = _add_powertrain(wiring, parts, part, control, machine_code=uses_machine_code(spec, part))
     if part.vehicle.spec.steering.rear is not None:
@@ -100,7 +100,7 @@ def add_vehicle_systems(
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
-    # Command and control unit meet element by element, so that user blocks fit between any two of them.
+    # Command and control unit are connected element by element: a user block can replace each connection.
     for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
         wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
@@ -108,7 +108,7 @@ def add_vehicle_systems(
     if driver.HasOutputPort("pedals"):  # the driver computes the pedal positions
         if powertrain is None:
             raise ConfigError(
-                f"{place}: this driver presses pedals, but {part.vehicle.name} has none; take a vehicle with a "
+                f"{place}: this driver presses pedals, but {part.vehicle.name} has none; use a vehicle with a "
                 "wheel_speed of kind pedals in control.yaml, and not parked"
             )
         wiring.sources[f"{name}.driver_pedals"] = (driver.GetOutputPort("pedals"), PEDALS)

@@ -194,7 +194,7 @@ def summarise(
     if solution.draws is not None:
         sigmas = np.maximum(sigmas, 0.5 * np.ptp(np.percentile(solution.draws, (2.5, 97.5), axis=0), axis=0) / 1.96)
 
-    # Correlations of white residuals are those of the problem itself, without the accidents of the noise.
+    # Correlations for white residuals: those of the problem itself, which do not depend on the noise of these logs.
     scale = np.where(sigmas > 0.0, sigmas, 1.0)
     own = np.sqrt(np.maximum(np.diag(solution.white), 1e-300))
     correlation = solution.white / own[:, None] / own[None, :]
@@ -203,7 +203,7 @@ def summarise(
         * np.outer(scale, scale)
         / np.outer(*(2 * [np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))]))
     )
-    # Of the correlations, so that the number does not depend on the scales of the parameters.
+    # Condition number of the correlations, which does not depend on the scales of the parameters.
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     # Residuals that are far from white show an error of the model.
@@ -223,7 +223,8 @@ def summarise(
     if {"front_length", "rear_length", "mass"} & set(assumed):
         lines.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     lines += [unknown.info.source for unknown in unknowns if unknown.info.source.startswith("not given")]
-    # A dict removes repeated advice and keeps its order. Where the model dominates, another drive does not help.
+    # A dict removes repeated advice and keeps its order. Where the error of the model dominates, another drive does
+    # not help.
     advice = dict.fromkeys(
         model.suggest_experiment(frozenset({parameter.name}), problem.drives)
         for parameter in judged
@@ -234,7 +235,7 @@ def summarise(
         )
     )
     is_wanted = bool(advice)
-    advice.pop("", None)  # the logs of a parameter lack nothing that the model knows of
+    advice.pop("", None)  # no text: the model knows no better drive
     if is_wanted and (best := recommend_manoeuvre(solution)) is not None:
         poor = {parameter.name for parameter in judged if parameter.verdict not in {"identified", "fixed"}}
         noise = np.sqrt(np.diag(solution.covariance))

@@ -192,7 +192,7 @@ _scenes: "WeakValueDictionary[bytes, RayScene]" = WeakValueDictionary()
 def ray_scene(faces: Faces) -> RayScene:
     """Return the scene of faces; equal faces share one scene while it is in use.
 
-    A world or a vehicle that is built again is not prepared again, and takes no more memory.
+    Building the same world or vehicle again therefore takes neither preparation nor memory.
     """
     # A hash of the contents is the key: models that are parsed again give new arrays with equal numbers.
     digest = blake2b(faces.corners.tobytes())
