@@ -239,6 +239,9 @@ DELAY = {"kind": "mirdrake.tuning.loops.blocks:DelayedActuator", "size": 1, "per
 CONNECT = [["ego.speed_command", "delay.u"]]
 
 
+MANOEUVRE = {"kind": "mirdrake.manoeuvres.drivers:OpenLoopDriver", "profile": {"kind": "step", "amplitude": 0.02}}
+
+
 @pytest.mark.parametrize(
     ("changes", "continuous"),
     [
@@ -254,6 +257,8 @@ CONNECT = [["ego.speed_command", "delay.u"]]
         ({"sensors": {"ego": ["gps"]}}, True),
         ({"control": {"ego": {"kind": "constant", "period": 0.012}}}, True),  # a function of time, without events
         ({"control": {"ego": {"kind": "path_tracking", "speed": 5.0, "period": 0.012}}, "world": "test_track"}, False),
+        ({"control": {"ego": MANOEUVRE}}, True),
+        ({"control": {"ego": MANOEUVRE | {"period": 0.012}}}, False),
     ],
 )
 def test_only_what_disturbs_its_steps_makes_a_plant_discrete(changes: dict[str, Any], continuous: bool) -> None:

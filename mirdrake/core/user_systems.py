@@ -71,7 +71,8 @@ def user_defaults(kind: str, *, folder: Path | str | None = None) -> dict[str, o
 def sampling_period(kind: str, parameters: Mapping[str, Any], *, folder: Path | str | None = None) -> float | None:
     """Return the period of all events of a system [s]; None if it is not known.
 
-    It is known of a class whose attribute `sampled_with` names the argument that has it.
+    It is known of a class whose attribute `sampled_with` names the argument that has it, by its default if it is not
+    given.
     """
     if ":" not in kind:
         return None
@@ -79,7 +80,9 @@ def sampling_period(kind: str, parameters: Mapping[str, Any], *, folder: Path | 
         maker = _load_class(kind, where=kind, folder=None if folder is None else Path(folder))
     except ConfigError:  # it is reported when the system is made
         return None
-    period = parameters.get(getattr(maker, "sampled_with", ""))
+    argument = getattr(maker, "sampled_with", "")
+    defaults = {own.name: own.default for own in _named(maker)}
+    period = parameters.get(argument, defaults.get(argument))
     return float(period) if isinstance(period, int | float) and period > 0.0 else None
 
 

@@ -22,7 +22,7 @@ wheels are steered, so its yaw rate error acts on the steering without delay; th
 import math
 from collections.abc import Mapping, MutableSequence, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
@@ -138,6 +138,8 @@ class _Driver(LeafSystem):
     Raises:
         ConfigError: an argument is out of range.
     """
+
+    sampled_with: ClassVar[str] = "period"
 
     def __init__(
         self,
