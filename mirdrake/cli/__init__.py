@@ -122,7 +122,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
   mirdrake drive bolt                   drive by hand in a browser: keys, game pad, gains while driving; record
   mirdrake view bolt                    a vehicle in 3D, with a slider for every joint
-  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and suspicious values
+  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and implausible values
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
   mirdrake ports bolt_test_track        its ports with their units

@@ -1,4 +1,4 @@
-"""``mirdrake inspect``: figures of a vehicle, and suspicious values."""
+"""``mirdrake inspect``: figures of a vehicle, and implausible values."""
 
 import argparse
 import json
