@@ -66,7 +66,7 @@ BRUSH = BrushTyre(
 
 KAPPA = st.floats(-1.5, 1.5)
 TAN = st.floats(-2.0, 2.0)
-LOAD = st.floats(0.0, 12000.0)
+LOAD = st.floats(0.0, 12000.0, allow_subnormal=False)  # forces of subnormal loads are rounded to zero
 MU = st.floats(0.05, 1.2)
 SPEED = st.floats(-60.0, 60.0)
 
