@@ -200,3 +200,43 @@ def test_a_robot_at_rest_in_the_first_row_is_measured():
     vx = 1.5 * np.clip(time / 1.0, 0.0, 1.0) + 1e-5 * np.sin(time)
     _, findings = check_first_rows(Log("eight", "train", time, {"pitch_rate": rate, "vx": vx}), repair=True)
     assert findings == []
+
+
+def peaks(seed, rate):
+    """Return channels of a drive whose set-points step: forces have a peak at each step and go on to another level.
+
+    The peaks decay to 0.05 to 0.6 from sample to sample, the acceleration follows, and the speed is its integral.
+    """
+    random = np.random.default_rng(seed)
+    n = int(20.0 * rate)
+    level, force = np.zeros(n), 1e-3 * random.normal(size=n)
+    steps = np.sort(random.choice(np.arange(20, n - 20), 6, replace=False))
+    for row in steps:
+        size = random.normal()
+        level[row:] += 0.3 * random.normal()
+        force[row:] += size * random.uniform(0.05, 0.6) ** np.arange(n - row)
+    force += level
+    speed = 5.0 + np.cumsum(force) / rate
+    acceleration = force / 40.0 + 1e-4 * random.normal(size=n)
+    log = Log("peaks", "train", np.arange(n) / rate, {"vx": speed, "tyre_force_x_front_left": 100.0 * force,
+              "longitudinal_acceleration": acceleration})  # fmt: skip
+    return log, steps
+
+
+@pytest.mark.parametrize("rate", [25.0, 50.0])
+@pytest.mark.parametrize("seed", range(12))
+def test_peaks_of_a_force_where_its_input_steps_are_no_glitches_and_faults_beside_them_are(seed, rate):
+    log, steps = peaks(seed, rate)
+    assert check_glitches(log, repair=False)[1] == []
+    # A fault between calm samples, and one beside a step, which shows as it is far out of range.
+    random = np.random.default_rng(seed)
+    rows = [int(steps[0]) - 9, int(steps[1]) + 1]
+    for name, values in log.channels.items():
+        changed = values.copy()
+        changed[rows] += random.choice([-1.0, 1.0]) * np.array([2.0, 25.0]) * np.ptp(values)
+        other = Log("peaks", "train", log.time, {**log.channels, name: changed})
+        repaired, (finding,) = check_glitches(other, repair=True)
+        found = np.flatnonzero(repaired.channels[name] != changed)
+        # Samples next to the fault beside the step may count as a part of it.
+        assert finding.channel == name
+        assert set(rows) <= set(found.tolist()) <= {*rows, *(rows[1] + np.arange(-2, 2)).tolist()}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import median_filter
 
 from mirdrake.identification.channels import channel, quantity
 from mirdrake.identification.data import Array, Log
@@ -12,19 +12,26 @@ from mirdrake.identification.findings import Finding, Severity, statement
 from mirdrake.identification.timing import changed_rows, resolution
 
 WINDOW = 9
-"""Samples of the median filter that glitches are compared with: up to four in a row are found."""
+"""Samples of the median filter that noise is measured with."""
 
-ORDER = 6
-"""Order of the autoregressive model of the neighbourhood: three modes."""
+LONGEST = 4
+"""Largest number of samples of a glitch."""
 
-NEIGHBOURHOOD = 30
-"""Samples on each side of odd ones that the model is fitted to."""
+CLEAR = 5.0
+"""Ratio of the distances of a glitch and of the samples beside it from their neighbours [1]. A response that decays to
+a fifth or more from sample to sample is not taken for a glitch."""
 
-ROUNDING = 1e-9
-"""Relative size of residuals that are only rounding errors [1]."""
+BESIDE, REACH = 6, 2
+"""Number of samples on each side that must be calm; rows between a kick of two channels."""
 
-UNEXPLAINED = 0.5
-"""Largest ratio of the sums of squares, as kicks over as glitches, if odd samples begin a motion [1]."""
+FAR = 10.0
+"""Ranges of a channel beyond which a value is a glitch whatever the others do [1]."""
+
+FINEST = 2.0**-20
+"""Resolution of a sensor over the largest value of its quantity [1], below which nothing is a glitch: 20 bits."""
+
+INTEGRALS = frozenset({"vx", "speed", "x", "y", "yaw", "latitude", "longitude"})
+"""Quantities that no kick moves there and back."""
 
 MAX_HELD = 2 * WINDOW
 """Largest number of rows that count as samples of a channel at rest."""
@@ -56,12 +63,8 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """
     # Only channels that move continuously can be judged by their neighbours.
     findings, repaired = [], {}
-    for name, values in log.channels.items():
-        if not channel(name).moves:
-            continue
-        bad = find_glitches(values, channel(name).limit)
-        if not bad.any():
-            continue
+    for name, bad in _glitches_of_log(log).items():
+        values = log.channels[name]
         unit = channel(name).unit
         before = _unmeasured(values, bad)
         if before:
@@ -83,6 +86,26 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     return replace(log, channels={**log.channels, **repaired}), findings
 
 
+def _glitches_of_log(log: Log) -> dict[str, NDArray[np.bool_]]:
+    """Return the glitches of channels that have some: what begins in other channels as well is a kick of the vehicle.
+
+    A faulty packet shows in speed or position, too, which no kick moves there and back.
+    """
+    found = {name: find_glitches(values, channel(name).limit)
+             for name, values in log.channels.items() if channel(name).moves}  # fmt: skip
+    found = {name: bad for name, bad in found.items() if bad.any()}
+    if not found:
+        return {}
+    kicks = {name: find_kicks(values) for name, values in log.channels.items()}
+    sure = np.any([bad & (quantity(name) in INTEGRALS) for name, bad in found.items()], axis=0)
+    for name, bad in found.items():
+        others = ~sure & np.any([kick for other, kick in kicks.items() if other != name] or [~bad & bad], axis=0)
+        for rows in np.split(np.flatnonzero(bad), np.flatnonzero(np.diff(np.flatnonzero(bad)) > BESIDE) + 1):
+            if quantity(name) not in INTEGRALS and _is_kick(log.channels[name], rows, bad, others):
+                found[name] = found[name] & ~np.isin(np.arange(len(bad)), rows)
+    return {name: bad for name, bad in found.items() if bad.any()}
+
+
 def _unmeasured(values: Array, bad: NDArray[np.bool_]) -> int:
     """Return the number of first samples that are glitches of the value 0: the channel is not measured yet."""
     first = bad & (values == 0.0)
@@ -90,11 +113,12 @@ def _unmeasured(values: Array, bad: NDArray[np.bool_]) -> int:
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
-    """Return which samples are glitches (n).
+    """Return which samples are glitches by their own channel (n).
 
-    A glitch is far from the median of its neighbourhood, relative to the usual distance in the channel (noise), the
-    steps of the neighbourhood (motion) and the resolution, and the samples behind it do not respond to it. A step, a
-    ramp, a peak of a smooth motion and the vibration after a kick are not glitches.
+    A glitch is up to :data:`LONGEST` samples that jump there and back between calm neighbours: their distance from the
+    line between the samples on both sides exceeds :data:`CLEAR` times the largest such distance of a sample beside
+    them. The vibration after a kick and a force whose input changes are not calm. The distance also exceeds noise,
+    usual steps and resolution of the channel.
 
     Args:
         values: samples (n), NaN for missing ones.
@@ -105,34 +129,117 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     if fresh.sum() < 3 * WINDOW:
         return bad
     series = values[rows]
-    # A median keeps steps and ramps and removes outliers of up to half its window, so its distance isolates them.
-    away = np.abs(series - median_filter(series, WINDOW, mode="mirror"))
-    steps = np.abs(np.diff(series, prepend=series[0]))
-    # Robust figures of the channel, by new values only: held rows would make noise and steps vanish. 1.4826 times the
-    # median is the standard deviation of normal noise.
-    noise = 1.4826 * float(np.median(away[fresh]))
-    usual = float(np.median(steps[fresh]))
-    quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
-    # Motion of the neighbourhood, without the samples next to the one in question.
-    level = median_filter(steps, 15, mode="mirror")
-    motion = maximum_filter1d(level, 2 * WINDOW + 1, mode="nearest")
-    floor = np.maximum(8.0 * motion, max(10.0 * noise, 4.0 * usual, 5.0 * quantum))
-    # Rough stretches, such as a shock, have many large distances, which a glitch must exceed.
-    rough = maximum_filter1d(median_filter(away, 25, mode="mirror"), 25, mode="nearest")
-    floor = np.maximum(floor, 12.0 * rough)
-    # A glitch exceeds its limit, or its neighbourhood by noise, motion and roughness.
-    ends = np.append(rows[1:], len(values))
-    out, jumped, codes = _far_out(series, steps)
-    odd = (away > floor) | jumped
-    # All of a vibration far out is one motion, of which the test below needs the first sample.
-    odd &= ~_begin_motion(series, odd | out, odd)
-    odd |= codes | (np.abs(series) > limit)
+    floor = max(_floor(series, fresh), FINEST * limit if np.isfinite(limit) else 0.0)
+    odd = np.zeros(len(series), dtype=bool)
+    bend = np.abs(series - 0.5 * (np.append(series[0], series[:-1]) + np.append(series[1:], series[-1])))
+    for count in range(1, LONGEST + 1):
+        size, beside = _distances(series, bend, count)
+        first = np.flatnonzero((size > floor) & (size > CLEAR * beside))
+        odd[(first[:, None] + np.arange(count)).ravel()] = True
+    away = np.abs(series - median_filter(series, WINDOW, mode="nearest"))
+    usual_bend = median_filter(bend, 2 * BESIDE + 3, mode="nearest")
+    odd |= _bursts(series, (away > floor) & (away > CLEAR * usual_bend) & ~odd)
+    for series_, odd_ in ((series, odd), (series[::-1], odd[::-1])):
+        odd_[: _glitches_at_end(series_, odd_, floor)] = True
+    odd |= _codes(series) | (np.abs(series) > limit)
     if odd.mean() > 0.05:  # not single samples, but another kind of signal
         return bad
     # Rows that hold the value of a glitch belong to it.
+    ends = np.append(rows[1:], len(values))
     for start, end in zip(rows[odd], ends[odd], strict=True):
         bad[start:end] = True
     return bad & np.isfinite(values)
+
+
+def find_kicks(values: Array) -> NDArray[np.bool_]:
+    """Return where a channel begins to move (n): samples that the line through the last two does not predict.
+
+    The distance exceeds :data:`CLEAR` times that of the samples before, and noise, usual steps and resolution.
+    """
+    kicks = np.zeros(len(values), dtype=bool)
+    rows, fresh = _samples(values)
+    if fresh.sum() < 3 * WINDOW:
+        return kicks
+    series = values[rows]
+    away = np.append(np.zeros(2), np.abs(np.diff(series, 2)))
+    before = np.max([np.append(np.zeros(k), away[:-k]) for k in range(1, BESIDE + 1)], axis=0)
+    kicks[rows[(away > CLEAR * before) & (away > _floor(series, fresh))]] = True
+    return kicks
+
+
+def _floor(series: Array, fresh: NDArray[np.bool_]) -> float:
+    """Return the distance below which nothing is odd, by noise, usual steps and resolution of a channel."""
+    # Robust figures, by new values only: held rows would make noise and steps vanish. 1.4826 times the median is the
+    # standard deviation of normal noise.
+    away = np.abs(series - median_filter(series, WINDOW, mode="mirror"))
+    steps = np.abs(np.diff(series, prepend=series[0]))
+    noise, usual = 1.4826 * float(np.median(away[fresh])), float(np.median(steps[fresh]))
+    quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
+    return max(10.0 * noise, 4.0 * usual, 5.0 * quantum)
+
+
+def _distances(series: Array, bend: Array, count: int) -> tuple[Array, Array]:
+    """Return distances of groups of samples, and of the samples beside them, from lines between their neighbours (n).
+
+    Args:
+        series: samples (n).
+        bend: distance of each sample from the line between its neighbours (n).
+        count: length of the groups; each has the row of its first sample. The nearest of a group counts.
+    """
+    # Before and after the log the channel is taken to be constant.
+    n, padded = len(series), np.pad(series, 2, mode="edge")
+    size, beside, first = np.zeros(n), np.zeros(n), np.arange(n - count + 1)
+    earlier, before, after, later = (padded[first + 2 + k] for k in (-2, -1, count, count + 1))
+    slope = (after - before) / (count + 1)
+    size[first] = np.min([np.abs(series[first + k] - before - (k + 1) * slope) for k in range(count)], axis=0)
+    # Without the group, the samples next to it are neighbours of each other.
+    largest = np.maximum(
+        np.abs(before - earlier - (after - earlier) / (count + 2)),
+        np.abs(after - before - (later - before) * (count + 1) / (count + 2)),
+    )
+    wide = np.pad(bend, BESIDE)
+    for k in range(2, BESIDE + 1):
+        largest = np.maximum(largest, wide[first + BESIDE - k])
+        largest = np.maximum(largest, wide[first + BESIDE + count - 1 + k])
+    beside[first] = largest
+    return size, beside
+
+
+def _bursts(series: Array, suspect: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which samples are glitches near others (n): together they satisfy the condition of a single one.
+
+    Args:
+        series: samples (n).
+        suspect: samples that are far away beside most samples near them (n).
+    """
+    bad, rows = np.zeros(len(series), dtype=bool), np.flatnonzero(suspect)
+    for cluster in np.split(rows, np.flatnonzero(np.diff(rows) > BESIDE) + 1) if len(rows) else []:
+        longest = max(len(run) for run in np.split(cluster, np.flatnonzero(np.diff(cluster) > 1) + 1))
+        if longest == len(cluster) or longest > LONGEST:
+            continue
+        near = np.arange(max(cluster[0] - BESIDE, 0), min(cluster[-1] + BESIDE + 1, len(series)))
+        rest = near[~suspect[near]]
+        size = np.abs(series[cluster] - np.interp(cluster, rest, series[rest]))
+        # The distance of each other sample from the line between those beside it.
+        slope = (series[rest[2:]] - series[rest[:-2]]) / (rest[2:] - rest[:-2])
+        beside = np.abs(series[rest[1:-1]] - series[rest[:-2]] - slope * (rest[1:-1] - rest[:-2]))
+        bad[cluster] = len(beside) >= BESIDE and size.min() > CLEAR * beside.max()
+    return bad
+
+
+def _glitches_at_end(series: Array, odd: NDArray[np.bool_], floor: float) -> int:
+    """Return the number of first samples that are glitches.
+
+    How a value came or returns does not show there, and it may be a start from rest. The jump behind a glitch exceeds
+    :data:`CLEAR` times the largest step of the other samples.
+    """
+    found = 0
+    for count in range(1, LONGEST + 1):
+        rest = series[count:][~odd[count:]]
+        jump = float(np.min(np.abs(series[:count] - rest[0])))
+        if jump > floor and jump > CLEAR * float(np.max(np.abs(np.diff(rest)))):
+            found = count
+    return found
 
 
 def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -152,86 +259,35 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     return rows, np.isin(rows, first)
 
 
-def _begin_motion(values: Array, odd: NDArray[np.bool_], asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which odd samples begin a motion (n): the samples behind them continue it.
-
-    A glitch is an additive outlier of an autoregressive process, which changes single samples. A kick of the vehicle is
-    an innovation outlier, to which all later samples respond (A. J. Fox, Journal of the Royal Statistical Society B 34,
-    1972; I. Chang, G. C. Tiao and C. Chen, Technometrics 30, 1988). Both have a free number for each odd sample, so
-    their sums of squares are compared directly. If neither explains more, as in white noise, they are glitches. A
-    glitch within a few samples of a kick is taken for a part of it.
+def _is_kick(values: Array, rows: NDArray[np.intp], bad: NDArray[np.bool_], others: NDArray[np.bool_]) -> bool:
+    """Return whether glitches of one channel are a kick of the vehicle, which begins in another channel as well.
 
     Args:
-        values: samples (n).
-        odd: which are far from their neighbours or from the rest (n).
-        asked: which of the odd ones may be glitches (n); groups without one are omitted.
+        values: samples of the channel (n).
+        rows: rows of glitches that are near one another.
+        bad: all glitches of the channel (n).
+        others: where other channels begin to move (n).
     """
-    begin, rows = np.zeros(len(values), dtype=bool), np.flatnonzero(odd)
-    groups = np.split(rows, np.flatnonzero(np.diff(rows) > ORDER) + 1) if len(rows) else []
-    groups = [group for group in groups if asked[group].any()]
-    for group in groups:
-        start, end = max(group[0] - NEIGHBOURHOOD, 0), group[-1] + 1 + NEIGHBOURHOOD
-        # Before the log the channel is taken to be constant.
-        padded = ORDER if start == 0 else 0
-        part = np.pad(values[start:end], (padded, 0), mode="edge")
-        others = np.setdiff1d(rows[(rows >= start) & (rows < end)], group)
-        first, none = start - padded, group[:0]
-        as_glitches = _sum_of_squares(part, group - first, none, others - first)
-        as_kicks = _sum_of_squares(part, none, group - first, others - first)
-        begin[group] = group[0] > 0 and as_kicks < UNEXPLAINED * as_glitches
-    # At an end little shows how a value came, or whether it returns: less than a range away from the others it may be
-    # a motion, such as a start from rest.
-    for group in groups:
-        if group[0] < ORDER or group[-1] + ORDER >= len(values):
-            others = values[~odd | begin]
-            low, high = float(np.min(others)), float(np.max(others))
-            begin[group] |= np.all(np.abs(values[group] - 0.5 * (low + high)) < 1.5 * (high - low))
-    return begin
+    if not others[max(rows[0] - REACH, 0) : rows[-1] + 1 + REACH].any():
+        return False
+    rest = values[~bad & np.isfinite(values)]
+    low, high = float(np.min(rest)), float(np.max(rest))
+    return bool(np.all(np.abs(values[rows] - 0.5 * (low + high)) < (0.5 + FAR) * (high - low)))
 
 
-def _sum_of_squares(
-    series: Array, glitches: NDArray[np.intp], kicks: NDArray[np.intp], others: NDArray[np.intp]
-) -> float:
-    """Return the sum of squared residuals of an autoregressive model, relative to the largest value.
+def _codes(series: Array) -> NDArray[np.bool_]:
+    """Return which samples are codes for missing data (n): one value any number of times, many ranges of the rest away.
 
-    Args:
-        series: odd samples and their neighbourhood (n).
-        glitches: rows of glitches: their values are replaced by those that fit the model of the others best.
-        kicks: rows of kicks: they have any innovation, and the model has to predict all others.
-        others: rows of other odd samples, which are left out.
-    """
-    odd = np.concatenate((glitches, kicks))
-    values = series - np.median(np.delete(series, odd))
-    values = values / max(float(np.abs(np.delete(values, others)).max()), 1e-300)
-    rows = np.arange(ORDER, len(values))
-    rows = rows[~np.isin(rows, kicks) & ~np.isin(rows[:, None] - np.arange(ORDER + 1), others).any(axis=1)]
-    lags = rows[:, None] - np.arange(1, ORDER + 1)
-    values[glitches] = 0.0
-    past, present = np.column_stack((values[lags], np.ones(len(rows)))), values[rows]
-    clean = ~np.isin(np.column_stack((rows, lags)), glitches).any(axis=1)
-    model = np.linalg.lstsq(past[clean], present[clean], rcond=ROUNDING)[0]
-    residual = present - past @ model
-    if len(glitches):
-        effect = (rows[:, None] == glitches) - np.einsum("k,rko->ro", model[:ORDER], lags[:, :, None] == glitches)
-        residual -= effect @ np.linalg.lstsq(effect, residual, rcond=None)[0]
-    # Below the rounding errors of the values, the residuals mean nothing.
-    return float(residual @ residual) + len(rows) * ROUNDING**2
-
-
-def _far_out(series: Array, steps: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which samples are many ranges of the rest away (n), and two kinds of faults among them.
-
-    The faults are up to four samples in a row that are entered and left by a jump (n), and codes for missing data (n),
-    which repeat one value any number of times. Other stretches are motions: a launch or a stop in a long steady drive
-    is as far away, and an acceleration begins and ends by a jump as well.
+    Other stretches that far away are motions, such as a launch or a stop in a long steady drive.
     """
     # The range without extremes, as these are what is looked for.
     low, high = np.percentile(series, (2.0, 98.0))
     reach = 20.0 * (high - low)
     out = (series < low - reach) | (series > high + reach)
-    jumped, codes = np.zeros(len(series), dtype=bool), np.zeros(len(series), dtype=bool)
+    codes = np.zeros(len(series), dtype=bool)
     if reach == 0.0 or not out.any():
-        return out & False, jumped, codes
+        return codes
+    steps = np.abs(np.diff(series, prepend=series[0]))
     starts = np.flatnonzero(out & ~np.append(False, out[:-1]))
     ends = np.flatnonzero(out & ~np.append(out[1:], False)) + 1
     for start, end in zip(starts, ends, strict=True):
@@ -239,12 +295,9 @@ def _far_out(series: Array, steps: Array) -> tuple[NDArray[np.bool_], NDArray[np
         jump = 0.5 * float(np.abs(series[start:end] - np.clip(series[start:end], low, high)).max())
         came = start == 0 or steps[start] > jump
         went = end == len(series) or steps[end] > jump
-        if came and went and end - start <= WINDOW // 2:
-            jumped[start:end] = True
-        elif came and went and np.ptp(series[start:end]) == 0.0:
-            codes[start:end] = True
+        codes[start:end] = came and went and np.ptp(series[start:end]) == 0.0
     # What is more frequent belongs to the signal.
-    return out, jumped & bool(jumped.mean() <= 0.02), codes & bool(codes.mean() <= 0.02)
+    return codes & bool(codes.mean() <= 0.02)
 
 
 def check_values(log: Log) -> list[Finding]:
