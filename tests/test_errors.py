@@ -7,7 +7,7 @@ import re
 import pytest
 
 from mirdrake.core import errors
-from mirdrake.core.errors import MirdrakeError, did_you_mean
+from mirdrake.core.errors import MirdrakeError, RunError, did_you_mean, first_line, one_line
 
 
 def _classes() -> dict[str, type[Exception]]:
@@ -50,3 +50,16 @@ def test_a_long_list_is_cut_after_twelve_words() -> None:
 
 def test_a_name_with_a_line_break_stays_on_the_line_of_its_message() -> None:
     assert did_you_mean("x", ["a\nb", "c"]) == "allowed: a\\nb, c"
+
+
+@pytest.mark.parametrize(
+    ("error", "first", "whole"),
+    [
+        (ValueError("a\nb"), "a", "ValueError: a"),
+        (ValueError("\n a\n"), "a", "ValueError: a"),
+        (ValueError(), "ValueError", "ValueError"),  # Python's own errors may have no message
+        (RunError("a\nb"), "a", "a"),
+    ],
+)
+def test_an_error_is_told_in_one_line(error: Exception, first: str, whole: str) -> None:
+    assert (first_line(error), one_line(error)) == (first, whole)

@@ -30,7 +30,7 @@ from pydrake.geometry import Convex
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, one_line
 from mirdrake.core.files import write_file
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, display_path, validate, where
@@ -210,8 +210,7 @@ def read_scene(folder: Path) -> Scene:
     except MirdrakeError:
         raise
     except _DAMAGE as error:
-        reason = (str(error).splitlines() or [""])[0][:200]
-        raise RunError(f"{display_path(path)}: damaged: {type(error).__name__}: {reason}") from None
+        raise RunError(f"{display_path(path)}: damaged: {one_line(error)[:200]}") from None
 
 
 def changed_files(scene: Scene, folder: Path) -> list[str]:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean, first_line
 from mirdrake.core.paths import missing_file, names
 from mirdrake.core.yaml_io import display_path, to_si
 
@@ -215,9 +215,8 @@ def open_dask(address: str | None) -> Iterator[Any]:
     try:
         client: Any = Client(address, timeout="10 s", set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        first = (str(error).splitlines() or [type(error).__name__])[0]
         raise ConfigError(
-            f"--scheduler {address}: no Dask scheduler answers ({first}); start one with: dask scheduler"
+            f"--scheduler {address}: no Dask scheduler answers ({first_line(error)}); start one with: dask scheduler"
         ) from None
     with client:
         # Without workers the study would never begin.

@@ -127,6 +127,17 @@ def place_prefix(where: str) -> str:
     return f"{where}: " if where else ""
 
 
+def first_line(error: BaseException) -> str:
+    """Return the first line of the message of an exception; the name of its type if it has no message."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+def one_line(error: BaseException) -> str:
+    """Return an exception as one line: the message of an error of mirdrake, type and message of another one."""
+    kind, line = type(error).__name__, first_line(error)
+    return line if isinstance(error, MirdrakeError) or line == kind else f"{kind}: {line}"
+
+
 def not_found(kind: str, name: str, known: Iterable[str], *, of: str, where: str = "") -> ConfigError:
     """Return the error for a name that something does not have, such as a start of a world; `where` is its place."""
     return ConfigError(f"{place_prefix(where)}{of} has no {kind} '{name}'; {did_you_mean(name, known)}")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import yaml
 
-from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, first_line
 
 _STAGING = ".mirdrake-"
 _ABANDONED = 86_400.0  # [s], age of an unused staging folder, for file systems without locks
@@ -57,7 +57,7 @@ def write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error).splitlines()[0]
+        reason = error.strerror or first_line(error)
         raise RunError(f"{path}: cannot be written: {reason}; choose another folder") from None
 
 
@@ -73,7 +73,7 @@ def read_errors(path: Path) -> Iterator[None]:
         arrow = sys.modules.get("pyarrow")
         if not isinstance(error, (*_DAMAGE, *((arrow.ArrowException,) if arrow is not None else ()))):
             raise
-        reason = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), "") or type(error).__name__
+        reason = getattr(error, "strerror", None) or first_line(error)
         raise ConfigError(f"{path}: damaged, cannot be read: {reason[:160]}") from error
 
 

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.execution.job import one_line
+from mirdrake.core.errors import ConfigError, RunError, one_line
 from mirdrake.execution.workers import InProcess, WorkerLostError, Workers
 
 AHEAD = 256

@@ -18,7 +18,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.compiled import compilation_time
 from mirdrake.core.drake_errors import is_divergence
-from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean, one_line
 from mirdrake.core.json_io import Json
 from mirdrake.core.user_modules import load_user_function
 from mirdrake.execution.parameters import ContextParameter, find_context_parameters
@@ -106,22 +106,13 @@ def run_job(job: Job) -> Outcome:
         # Metrics of the user may use global random numbers; the result must not depend on the order of the runs.
         with _seeded_global_random(), np.errstate(all="ignore"):
             return _run(job, _built(job, key))
-    except MirdrakeError as error:
-        _cache.built.pop(key, None)  # after an error its state is unknown
-        line = str(error).splitlines()[0]
-        unstable = isinstance(error, RunError) and is_divergence(line)
-        return Outcome(job.index, "unstable" if unstable else "failed", line)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's block or metric may raise anything, SystemExit as well
-        _cache.built.pop(key, None)
-        return Outcome(job.index, "failed", one_line(error))
-
-
-def one_line(error: BaseException) -> str:
-    """Return an exception as one line."""
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+        _cache.built.pop(key, None)  # after an error its state is unknown
+        line = one_line(error)
+        unstable = isinstance(error, RunError) and is_divergence(line)
+        return Outcome(job.index, "unstable" if unstable else "failed", line)
 
 
 def _run(job: Job, built: _Built) -> Outcome:

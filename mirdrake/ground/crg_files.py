@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError, place_prefix
+from mirdrake.core.errors import ConfigError, first_line, place_prefix
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def read_crg(path: Path, *, place: str = "") -> CrgRoad:
     try:
         return _road(path.read_bytes())
     except (OSError, ValueError, KeyError, IndexError) as error:
-        reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error).splitlines()[0]
+        reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else first_line(error)
         raise ConfigError(f"{prefix}{display_path(path)}: cannot be read as OpenCRG: {reason}") from None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError, place_prefix
+from mirdrake.core.errors import ConfigError, first_line, place_prefix
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def read_heights(
             z, origin = _read_obj(path, cell)
             z += lowest
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{prefix}{display_path(path)}: cannot be read: {str(error).splitlines()[0]}") from None
+        raise ConfigError(f"{prefix}{display_path(path)}: cannot be read: {first_line(error)}") from None
     if z.ndim != 2 or min(z.shape) < 2 or not np.isfinite(z).all():
         raise ConfigError(f"{prefix}{display_path(path)}: {z.shape} values; a grid has at least 2 x 2 finite heights")
     return z, origin

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from mirdrake.assembly.diagram import DiagramSpec, assemble, load_diagram, make_spec
 from mirdrake.assembly.diagram_spec import SystemEntry
 from mirdrake.assembly.wiring import JOIN
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, first_line
 from mirdrake.core.json_io import finite_or_none
 from mirdrake.core.leaf_system import weak_callback
 from mirdrake.gym.judging import ENDS, REWARDS, STARTS, End, Moment, Reward, Starts, find_function
@@ -202,7 +202,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             # Drake may integrate NaN without an error, hence the test of the state besides the exception.
             diverged = not np.isfinite(state).all()
         except RuntimeError as error:  # Drake cannot continue
-            diverged, info["error"] = True, str(error).strip().splitlines()[0]
+            diverged, info["error"] = True, first_line(error)
         info["time"] = self._context.get_time()
         if diverged:
             info["ended_by"] = "diverged"

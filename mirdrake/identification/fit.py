@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, first_line
 from mirdrake.core.files import write_file
 from mirdrake.core.json_io import Json, finite_or_none, parse_json, plain_data
 from mirdrake.core.wording import plural
@@ -240,7 +240,7 @@ def load_fit(folder: Path | str) -> Fit:
         # Every damage of the file ends in one line with the same advice: the study can be run again.
         raise ConfigError(f"{file}: no saved fit ({error.strerror or error}); run the study again") from None
     except ValueError as error:
-        raise ConfigError(f"{file}: is damaged ({str(error).splitlines()[0]}); run the study again") from None
+        raise ConfigError(f"{file}: is damaged ({first_line(error)}); run the study again") from None
     if not isinstance(content, dict) or content.pop("mirdrake", None) != FORMAT:
         raise ConfigError(f"{file}: is not of format '{FORMAT}'; run the study again")
     try:

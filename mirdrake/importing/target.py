@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError, ModelError, WorldError
+from mirdrake.core.errors import ConfigError, ModelError, WorldError, first_line
 from mirdrake.core.yaml_io import display_path
 from mirdrake.importing.places import without_folder
 from mirdrake.worlds import World, load_world
@@ -45,7 +45,7 @@ def load_imported(file: Path, source: Path) -> World:
     try:
         return load_world(str(file))
     except (ConfigError, WorldError) as error:
-        fault = without_folder(str(error).splitlines()[0], file.parent)
+        fault = without_folder(first_line(error), file.parent)
         raise ModelError(f"{display_path(source)}:1: the imported world cannot be loaded: {fault}") from error
 
 

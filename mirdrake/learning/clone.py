@@ -25,7 +25,7 @@ import numpy as np
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.assembly.scene import make_scene
 from mirdrake.core.digest import digest, digest_data
-from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean, first_line
 from mirdrake.core.files import read_errors, write_errors
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
@@ -208,7 +208,7 @@ def _check_world(spec: LearningSpec, diagram: Json, car: Car, world: Any, key: s
         # Every world is laid out before the first run: a fault in the last one would otherwise show after hours.
         scene = make_scene(make_spec({**diagram, "world": _entry(world)}))
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, key)}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
+        raise ConfigError(f"{where(spec, key)}: {first_line(error).removeprefix('diagram: ')}") from None
     mounts = scene.vehicles[car.vehicle].sensors.mounts
     mount = mounts.get(car.camera)
     if not isinstance(mount, PictureMount):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError, MissingDependencyError, first_line
 from mirdrake.core.files import read_errors
 from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.signals import Signal
@@ -122,8 +122,7 @@ def _make_session(content: bytes, file: Path) -> Any:
     try:
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base but this
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
-        raise ConfigError(f"{file}: is not a network that ONNX Runtime can read: {reason}") from None
+        raise ConfigError(f"{file}: is not a network that ONNX Runtime can read: {first_line(error)}") from None
 
 
 def _read_input(entry: Any, file: Path) -> NetworkInput:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError, first_line
 from mirdrake.runs.incidents import OF_ACTORS
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.suites import Suite
@@ -37,7 +37,7 @@ def write_recordings(suite: Suite) -> list[tuple[str, str]]:
             try:
                 _record(folder)
             except (MirdrakeError, RuntimeError, ValueError, KeyError, OSError) as error:
-                faults.append((result.name, (str(error).splitlines() or [type(error).__name__])[0]))
+                faults.append((result.name, first_line(error)))
     return faults
 
 

@@ -35,7 +35,7 @@ import yaml
 from numpy.typing import NDArray
 
 from mirdrake.assembly.scene import Scene, read_scene, write_scene
-from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean, first_line
 from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.recording.arrays import RunArrays
@@ -255,8 +255,7 @@ def reading_run(folder: Path | None) -> Iterator[None]:
         with read_errors(folder or Path()):
             yield
     except (RuntimeError, AssertionError, SystemExit) as error:  # Drake raises SystemExit for a failed assertion
-        reason = next(iter(str(error).splitlines()), "")
-        raise ConfigError(f"{folder}: damaged, cannot be used: {reason[:160]}") from error
+        raise ConfigError(f"{folder}: damaged, cannot be used: {first_line(error)[:160]}") from error
 
 
 def reads_run(function: Callable[Concatenate[Run, P], T]) -> Callable[Concatenate[Run, P], T]:

@@ -22,7 +22,7 @@ from mirdrake.assembly.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.checks import checks_arguments
 from mirdrake.core.drake_errors import is_divergence
-from mirdrake.core.errors import ConfigError, DivergedError, RunError
+from mirdrake.core.errors import ConfigError, DivergedError, RunError, one_line
 from mirdrake.core.yaml_io import display_path
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import OF_ACTORS, Incident, Incidents
@@ -366,8 +366,7 @@ def _interrupt() -> Iterator[threading.Event]:
 
 def _failure(error: BaseException) -> str:
     """Return the exception of a block as one line, with file and line if the code is the user's."""
-    lines = str(error).strip().splitlines()
-    text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    text = one_line(error)
     # Innermost frame: where the exception was raised, not where the Simulator was called.
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.digest import digest_data
-from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, first_line, one_line
 from mirdrake.core.yaml_io import Source, validate, where
-from mirdrake.execution.job import Outcome, Status, one_line
+from mirdrake.execution.job import Outcome, Status
 from mirdrake.manoeuvres.base import ManoeuvreSpec
 from mirdrake.manoeuvres.base import Outcome as ManoeuvreOutcome
 from mirdrake.manoeuvres.facts import Facts, find_facts
@@ -76,7 +76,7 @@ def make_manoeuvre_plan(spec: StudySpec) -> Plan:
             try:
                 _make_rig(spec, vehicle, base, {path: value})
             except ConfigError as error:
-                raise ConfigError(f"{where(spec, 'parameters', path)}: {str(error).splitlines()[0]}") from None
+                raise ConfigError(f"{where(spec, 'parameters', path)}: {first_line(error)}") from None
     if len(set(spec.metrics)) < len(spec.metrics):
         raise ConfigError(f"{where(spec, 'metrics')}: each metric must have a different name")
     content = digest_data([vehicle.urdf, vehicle.spec.model_dump(mode="json"), vehicle.control.model_dump(mode="json")])
@@ -118,8 +118,6 @@ def run_manoeuvre_shard(shard: ManoeuvreShard) -> list[Outcome]:
     """Drive the candidates of a shard; an error is the outcome of its candidate."""
     try:
         return _run(shard)
-    except MirdrakeError as error:
-        return shard.lost(str(error).splitlines()[0])
     except Exception as error:
         return shard.lost(one_line(error))
 
@@ -147,8 +145,7 @@ def _run(shard: ManoeuvreShard) -> list[Outcome]:
 def _outcome(shard: ManoeuvreShard, k: int, result: ManoeuvreOutcome | Exception) -> Outcome:
     """Return the row of a candidate."""
     if isinstance(result, Exception):
-        reason = str(result).splitlines()[0] if isinstance(result, MirdrakeError) else one_line(result)
-        return Outcome(shard.first + k, "failed", reason)
+        return Outcome(shard.first + k, "failed", one_line(result))
     status: Status = "unstable" if result.verdict == "diverged" else "ok"
     values = {metric.key: metric.value for metric in result.metrics}
     numbers = [values.get(name) for name in shard.metrics]

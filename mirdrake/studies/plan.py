@@ -12,7 +12,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.assembly.inputs import input_digest
 from mirdrake.core.digest import digest_data
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, first_line
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_user_function
@@ -147,7 +147,7 @@ def make_plan(spec: StudySpec) -> Plan:
             try:
                 make_spec(put(data, name, value))
             except ConfigError as error:
-                raise ConfigError(f"{location}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
+                raise ConfigError(f"{location}: {first_line(error).removeprefix('diagram: ')}") from None
     _check_metrics(spec, list(vehicles))
 
     # Models and the world are part of the digest: a resumed study must not mix rows of different models.
@@ -209,7 +209,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
             data = put(data, path, value)
             make_spec(data)
         except ConfigError as error:
-            first = str(error).splitlines()[0].removeprefix("diagram: ")
+            first = first_line(error).removeprefix("diagram: ")
             raise ConfigError(f"{where(spec, 'overrides', path)}: {first}") from None
     return make_spec(data)
 

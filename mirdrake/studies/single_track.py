@@ -15,10 +15,10 @@ from mirdrake.batched import Batch, BatchControl, BatchRun, PathDriver
 from mirdrake.batched.arrays import Floats
 from mirdrake.controllers.path_tracking import PathGains, PathTrackingSpec
 from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
-from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, one_line
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
-from mirdrake.execution.job import Outcome, one_line
+from mirdrake.execution.job import Outcome
 from mirdrake.runs.summary import drive_figures
 from mirdrake.single_track import estimate_parameters
 from mirdrake.single_track.dynamics import Variant
@@ -130,8 +130,6 @@ def run_shard(shard: BatchShard) -> list[Outcome]:
             model = _Model(shard.diagram, {name: np.array(values) for name, values in shard.columns.items()},
                            shard.count)  # fmt: skip
             return model.outcomes(shard, model.run(shard.duration))
-    except MirdrakeError as error:
-        return shard.lost(str(error).splitlines()[0])
     except Exception as error:
         return shard.lost(one_line(error))
 

@@ -19,7 +19,7 @@ from typing import Literal
 
 import pandas as pd
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, first_line
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.json_io import Json, finite_or_text, parse_json, plain_data, read_record
 from mirdrake.core.yaml_io import display_path, read_text
@@ -216,7 +216,7 @@ class TuningResult:
             try:
                 self._tables[name] = pd.read_parquet(path) if path.is_file() else None
             except (OSError, ValueError) as error:  # pyarrow raises both
-                raise ConfigError(f"{display_path(path)}: cannot be read: {str(error).splitlines()[0]}") from None
+                raise ConfigError(f"{display_path(path)}: cannot be read: {first_line(error)}") from None
         return self._tables[name]
 
 

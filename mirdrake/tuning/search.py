@@ -11,9 +11,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Protocol
 
-from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError, one_line
 from mirdrake.execution.calls import Lost, call_all, open_executor
-from mirdrake.execution.job import one_line
 from mirdrake.execution.journal import Journal, Record
 from mirdrake.studies.optimise import Point, make_proposer
 from mirdrake.studies.spec import ParameterSpec

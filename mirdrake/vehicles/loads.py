@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError, first_line
 from mirdrake.vehicles.vehicle import load_vehicle, variants
 
 
@@ -15,7 +15,7 @@ def main() -> int:
         for variant in variants(folder):
             load_vehicle(f"{folder}@{variant}")
     except MirdrakeError as error:
-        sys.stderr.write(f"{str(error).splitlines()[0]}\n")
+        sys.stderr.write(f"{first_line(error)}\n")
         return 2
     return 0
 

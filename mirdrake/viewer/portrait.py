@@ -30,7 +30,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from mirdrake.core.errors import MirdrakeError, MissingDependencyError
+from mirdrake.core.errors import MirdrakeError, MissingDependencyError, first_line
 from mirdrake.core.hulls import bounding_points
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors.cameras.rendering import add_renderer, use_plain_textures
@@ -265,7 +265,7 @@ def main() -> int:
     try:
         add_portrait(Path(sys.argv[1]))
     except MirdrakeError as error:
-        sys.stderr.write(f"{str(error).splitlines()[0]}\n")
+        sys.stderr.write(f"{first_line(error)}\n")
         return 2
     return 0
 

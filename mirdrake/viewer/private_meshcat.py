@@ -30,7 +30,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from mirdrake.core.errors import RunError
+from mirdrake.core.errors import RunError, first_line
 
 BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 4190, 4045, 5060, 5061, 3659, 2049, 1723)
 """Ports that no web page may use, by the Fetch standard's list of bad ports."""
@@ -120,12 +120,12 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
             meshcat = _make(host=host, port=0, url=url)
             return meshcat, Upstream(descriptor=_replace_listener(meshcat.port()))
         except (OSError, RuntimeError) as error:
-            reason = str(error)
+            reason = first_line(error)
     # Without the exchange of the socket, a port that no browser opens is the next best.
     for port in BLOCKED_PORTS:
         with contextlib.suppress(RuntimeError):
             return _make(host="127.0.0.1", port=port, url=url), Upstream(port=port)
-    raise RunError(f"Meshcat cannot listen: {reason.strip().splitlines()[0]}")
+    raise RunError(f"Meshcat cannot listen: {reason}")
 
 
 def release(meshcat: Meshcat) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from pydrake.geometry import Convex
 
-from mirdrake.core.errors import WorldError
+from mirdrake.core.errors import WorldError, first_line
 from mirdrake.core.json_io import Json
 from mirdrake.worlds.lock import mesh_files, read_bytes
 from mirdrake.worlds.scenery import texture_path
@@ -196,8 +196,7 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
         # dump() applies the transforms of the scene, which OBJ files do not have.
         meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except Exception as error:  # readers of mesh files raise many types
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise WorldError(f"{name}: is not a mesh that can be read: {reason}") from None
+        raise WorldError(f"{name}: is not a mesh that can be read: {first_line(error)}") from None
     parts = []
     for mesh in meshes:
         material, uv, picture = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None), None

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Context
 
+from mirdrake.core.errors import first_line
 from mirdrake.identification.models.base import Array
 from mirdrake.plant.plant import VehicleInPlant
 
@@ -89,7 +90,7 @@ def body_inertia(whole: MassProperties, rest: MassProperties, p: Mapping[str, fl
     try:
         found = SpatialInertia.MakeFromCentralInertia(mass, own, unit * mass)
     except RuntimeError as error:
-        raise ValueError(str(error).splitlines()[0]) from None
+        raise ValueError(first_line(error)) from None
     if not found.IsPhysicallyValid():
         raise ValueError("no body can have such an inertia")
     return found

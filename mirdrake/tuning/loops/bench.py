@@ -15,7 +15,7 @@ from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.assembly.parts.taps import clear_logs
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_errors import is_divergence
-from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean, first_line
 from mirdrake.core.pid import PidLimits
 from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.plant.wheels import RoadFriction
@@ -212,7 +212,7 @@ class PlantBench:
             diverged = self._advance(context, conditions.noise)
         # Drake reports a plant that diverges as RuntimeError; other errors are not the fault of the gains.
         except RuntimeError as error:
-            reason = str(error).strip().splitlines()[0]
+            reason = first_line(error)
             if not is_divergence(reason):
                 raise RunError(reason) from None
             return Evaluation("unstable", reason=reason)
@@ -326,7 +326,7 @@ class BenchProcess:
         try:
             self._simulator.AdvanceTo(self._steps * self.period)
         except RuntimeError as error:
-            raise RunError(f"experiment on the plant: {str(error).splitlines()[0]}") from None
+            raise RunError(f"experiment on the plant: {first_line(error)}") from None
         self.measurement = self.bench.measured(self.context, apart=self.apart)
         return self.measurement
 

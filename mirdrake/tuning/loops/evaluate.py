@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError, MirdrakeError
-from mirdrake.execution.job import one_line
+from mirdrake.core.errors import ConfigError, one_line
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.kind import Bench
@@ -100,9 +99,6 @@ class LoopEvaluator:
             # Unstable gains overflow; their NaN is judged, so NumPy's warnings have no value.
             with np.errstate(all="ignore"):
                 result = self._evaluate(gains, conditions, fidelity)
-        except MirdrakeError as error:
-            forget_bench(self.spec)
-            result = Evaluation("failed", reason=str(error).splitlines()[0])
         except Exception as error:
             forget_bench(self.spec)
             result = Evaluation("failed", reason=one_line(error))

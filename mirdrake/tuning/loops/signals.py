@@ -22,7 +22,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.controllers.path_tracking import PathTracker
 from mirdrake.core.drake_errors import is_divergence
-from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.errors import ConfigError, RunError, did_you_mean, first_line
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import Source, where
@@ -322,7 +322,7 @@ class SignalBench:
         except RunError as error:
             if not is_divergence(str(error)):
                 raise
-            return Evaluation("unstable", reason=str(error).splitlines()[0])
+            return Evaluation("unstable", reason=first_line(error))
         if run.diverged:
             return Evaluation("unstable", reason=str(run.stop))
         signals, reference = run.signals, self.spec.reference

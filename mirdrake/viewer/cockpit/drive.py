@@ -24,7 +24,7 @@ from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.parts.taps import Tap, clear_logs
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.runtime_gains import get_gain, set_gain
-from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, RunError, first_line
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import default_folder
@@ -214,7 +214,7 @@ class Cockpit:
         except RunError:
             raise
         except RuntimeError as error:
-            self._fail(str(error).strip().splitlines()[0])
+            self._fail(first_line(error))
             return
         if not np.all(np.isfinite(self._plant_state())):
             self._fail("a position or velocity is not a number")
