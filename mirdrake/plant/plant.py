@@ -7,6 +7,7 @@ finalised. The road is one half space; its visual geometry is on top of it.
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import cos, expm1, sin, sqrt
 from typing import Literal
 
@@ -52,6 +53,7 @@ from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.actors import ActorsInScene, add_solid_actors, exclude_world
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
+from mirdrake.plant.seen_scene import SeenScene
 from mirdrake.plant.wheel_shape import (
     LEAST_DEPTH,
     TREAD,
@@ -228,6 +230,11 @@ class PlantParts:
     def lead(self) -> float:
         """Half a step [s], by which positions lead velocities, as the velocities at its end move the bodies."""
         return 0.5 * max((part.period for part in self.vehicles.values()), default=0.0)
+
+    @cached_property
+    def seen(self) -> SeenScene:
+        """The scene as cameras see it."""
+        return SeenScene(self.plant, self.scene_graph, lead=self.lead, actors=self.actors.source)
 
 
 def make_plant(

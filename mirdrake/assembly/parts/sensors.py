@@ -56,7 +56,8 @@ def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
     """Add the sensors of one vehicle; a camera only if its pictures are recorded or connected."""
     feeds = sensor_feeds(parts)
     if "traffic" in wiring.systems:
-        feeds["actor_states"] = wiring.systems["traffic"].GetOutputPort("states")
+        for inputs, output in (("actor_states", "states"), ("actor_poses", "poses")):
+            feeds[inputs] = wiring.systems["traffic"].GetOutputPort(output)
     for index, sensor in enumerate(spec.sensors.get(part.name, ())):
         name = f"{part.name}.{sensor}"
         if name in wiring.systems or name in wiring.sources:

@@ -12,11 +12,11 @@ from pydrake.geometry import (
     ColorRenderCamera,
     DepthRange,
     DepthRenderCamera,
+    FramePoseVector,
     QueryObject,
     RenderCameraCore,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, OutputPort
@@ -25,6 +25,7 @@ from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, Im
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import declare_cached_value
 from mirdrake.core.yaml_io import where
+from mirdrake.plant.seen_scene import SeenScene
 from mirdrake.sensors.cameras.labels import SKY, label_names
 from mirdrake.sensors.cameras.lens import view_of
 from mirdrake.sensors.cameras.lens_map import LensMap
@@ -32,7 +33,6 @@ from mirdrake.sensors.cameras.mounts import DepthCameraMount, PictureMount, Ster
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
 from mirdrake.sensors.cameras.rendering import vehicle_renderer
 from mirdrake.sensors.noise import substream
-from mirdrake.sensors.ranging.motion import rotations
 from mirdrake.sensors.sampling import SampledValue, mount_pose, slots
 
 if TYPE_CHECKING:
@@ -73,12 +73,13 @@ class Camera(SampledValue):
     through a lens, y/x and z/x are distorted first. The eyes of a stereo camera are half the baseline to the left and
     to the right of the mounting frame: what is at x is seen f baseline / x pixels farther to the right by the left eye.
 
-    Positions of the plant lead its velocities by half a step. The camera is moved back to where it is in the ground
-    truth; other moving bodies are seen half a step ahead.
+    The camera, and all that it sees, are where they are in the ground truth: at the time of the velocities, see
+    :mod:`mirdrake.plant.seen_scene`.
 
     Input ports:
-        query_object: the scene graph's.
-        body_spatial_velocities: the plant's; without it the camera is not moved back.
+        plant_state: the plant's state, positions and velocities.
+        actor_poses: poses of the actors, if the scene has any.
+        query_object: the scene graph's, in place of both without `seen`.
     Output ports, each only if the mount asks for it:
         color_image: colours, a Drake ImageRgba8U; its ``data`` is (height, width, 4).
         left_color_image, right_color_image: of a stereo camera instead.
@@ -95,7 +96,7 @@ class Camera(SampledValue):
         renderer: name of a renderer of the scene graph.
         stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         labels: names by label.
-        lead: time by which positions of the plant lead its velocities [s].
+        seen: scene at the time of the velocities; None: the scene has the positions of the plant.
 
     Attributes:
         rate: pictures per second [Hz].
@@ -113,19 +114,21 @@ class Camera(SampledValue):
         renderer: str,
         stream: int = 0,
         labels: dict[int, str] | None = None,
-        lead: float = 0.0,
+        seen: SeenScene | None = None,
     ) -> None:
-        self.labels, self._mount, self._lead = labels or {}, mount, lead
+        self.labels, self._mount, self._seen = labels or {}, mount, seen
         self._lens = LensMap(mount) if mount.distortion is not None else None
         empty = Shot(_black(mount))
         super().__init__("shot", AbstractValue.Make(empty), mount, stream=stream)
         self._streams = {name: stream if name == "color" else substream(stream, name) for name in empty.pictures}
-        self.query_object = self.DeclareAbstractInputPort("query_object", AbstractValue.Make(QueryObject()))
-        self.body_velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", AbstractValue.Make([SpatialVelocity.Zero()])
-        )
+        if seen is None:
+            self.query_object = self.DeclareAbstractInputPort("query_object", AbstractValue.Make(QueryObject()))
+        else:
+            self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+            if seen.has_actors:
+                self.actor_poses = self.DeclareAbstractInputPort("actor_poses", AbstractValue.Make(FramePoseVector()))
         body, X_BS = mount_pose(frame)
-        self._body, self._body_frame = int(body.index()), plant.GetBodyFrameIdOrThrow(body.index())
+        self._body_frame = plant.GetBodyFrameIdOrThrow(body.index())
         # Each eye: mounting frame, half a baseline along y (left positive), then Drake's axes of a camera.
         half = 0.5 * mount.baseline if isinstance(mount, StereoCameraMount) else 0.0
         self._eyes = {
@@ -134,7 +137,8 @@ class Camera(SampledValue):
         }
         self._color_camera, self._depth_camera = self._render_cameras(renderer)
         # Also dependent on time: the number of the sample seeds its noise.
-        needs = {self.query_object.ticket(), self.body_velocities.ticket(), self.time_ticket()}
+        inputs = [self.get_input_port(index).ticket() for index in range(self.num_input_ports())]
+        needs = {self.time_ticket(), *inputs}
         self._now = declare_cached_value(self, "picture", AbstractValue.Make(empty).Clone, self._draw, needs)
         for name in empty.pictures:
             self._declare_image(name)
@@ -177,21 +181,16 @@ class Camera(SampledValue):
         )
 
     def _draw(self, context: Context, value: AbstractValue) -> None:
-        query = self.query_object.Eval(context)
-        index, X_BT = round(context.get_time() * self.rate), self._back(context, query)
-        pictures = {name: self._picture(name, query, X_BT @ X_BC, index) for name, X_BC in self._eyes.items()}
+        query, index = self._query(context), round(context.get_time() * self.rate)
+        pictures = {name: self._picture(name, query, X_BC, index) for name, X_BC in self._eyes.items()}
         value.set_value(Shot(pictures))
 
-    def _back(self, context: Context, query: QueryObject) -> RigidTransform:
-        """Return the pose in the body of the camera of where the body is at the time of its velocities."""
-        if self._lead == 0.0 or not self.body_velocities.HasValue(context):
-            return RigidTransform()
-        V_WB = self.body_velocities.Eval(context)[self._body]
-        R_BW = query.GetPoseInWorld(self._body_frame).rotation().inverse()
-        turn = R_BW.multiply(-self._lead * V_WB.rotational())
-        return RigidTransform(
-            RotationMatrix(rotations(turn[None])[0]), R_BW.multiply(-self._lead * V_WB.translational())
-        )
+    def _query(self, context: Context) -> QueryObject:
+        """Return the scene to render."""
+        if self._seen is None:
+            return self.query_object.Eval(context)
+        actors = self.actor_poses.Eval(context) if self._seen.has_actors else None
+        return self._seen.query(self.plant_state.Eval(context), actors)
 
     def _picture(self, name: str, query: QueryObject, X_BC: RigidTransform, index: int) -> NDArray[Any]:
         lens, stream = self._lens, self._streams[name]
@@ -258,7 +257,7 @@ def make_camera(mount: PictureMount, *, parts: "PlantParts", part: "VehicleInPla
     renderer = vehicle_renderer(parts, part)
     frame = parts.plant.GetFrameByName(mount.frame, part.instance)
     labels = label_names(parts) if mount.label else {}
-    return Camera(parts.plant, frame, mount, renderer=renderer, stream=stream, labels=labels, lead=parts.lead)
+    return Camera(parts.plant, frame, mount, renderer=renderer, stream=stream, labels=labels, seen=parts.seen)
 
 
 def check_memory(mount: PictureMount, part: "VehicleInPlant") -> None:
