@@ -81,7 +81,7 @@ class RoadFriction:
             # Shortest time to the next edge: distance = speed t + acceleration t² / 2.
             a = _ACCELERATION
             self._due[index] = time + min(
-                (sqrt(speed**2 + 2.0 * a * max(0.0, distance)) - speed) / a
+                (sqrt(speed * speed + 2.0 * a * max(0.0, distance)) - speed) / a
                 for speed, distance in zip(speeds, distances.tolist(), strict=True)
             )
         self._next = min(self._due)
