@@ -19,16 +19,17 @@ characteristic (:mod:`mirdrake.plant.wheel_shape`); the difference is added as w
 centre; the moment that the contact shape of an inclined wheel has about it is subtracted.
 
 The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
-of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the secant slip stiffness
-S = F' / κ' of the step before, are therefore solved exactly::
+of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the slip stiffness S, are
+therefore solved exactly::
 
-    (I / h) s' = T + M - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
+    (I / h) (s' + Vx') = T + M - h F,    u' = s - |Vx| u / σ,    F = F0 + S {(u - u0) / σ + (k / C) (s - s0)}
 
 with the spin inertia I, the rolling radius h, the slip velocity s = h ω - Vx, the torque M of motor, brake and rolling
 resistance, and T the torque from other sources (servo, bearing, pitch of the body). T is the part of the last change of
-ω that the other terms do not explain. The law is evaluated at the slip that gives the mean of F. The mean of s, which
-deflects the tyre, is not that of both ends of the step; their difference is remembered. In steady motion s is constant,
-whatever T is.
+ω that the other terms do not explain, and Vx' is that of the last step. S is the secant F0 / κ0 of the step before;
+where the law deviates from it, S is the chord of the law from κ0 to the slip that this secant gives. The law is
+evaluated at the slip that gives the mean of F. The mean of s, which deflects the tyre, is not that of both ends of the
+step; their difference is remembered. In steady motion s is constant, whatever T is.
 
 The curve of a tyre at its load is interpolated (:mod:`mirdrake.plant.wheels.tyre_nodes`). That of a Coulomb tyre is
 proportional to the load, so one curve is sufficient.
@@ -82,6 +83,7 @@ _LYING = 0.5  # sine of the inclination from which a wheel lies on its side [1]
 # Below this, differences of floats are noise: limits are taken instead of quotients.
 _SMALL = 1e-9
 
+_LINEAR = 1e-3  # deviation of a force from its secant, over the friction force, up to which it is linear [1]
 _SLOW = 1e-6  # product of both rates and the squared step below which a sliding tyre is not solved exactly [1]
 
 
@@ -320,11 +322,11 @@ def slip_forces(
     Returns:
         Fx [N], Fy [N], Mz [N m], kappa [1], tan alpha [1], torque [N m].
     """
-    # Deflections: along now and in the middle of the step at constant spin, across in the middle.
+    # Deflections: along now, and in the middle of the step if the wheel does not turn; across in the middle.
     settings, still = wheel.settings, before.stopped > 0.0
     if still:
         now = Motion(now.vx, now.vx, now.vy)
-    along, across, rest, middle = before.along, before.across, 0.0, now
+    along, across, rest, push, middle = before.along, before.across, 0.0, 0.0, now
     if before.begun > 0.0:
         change_x, change_y = now.slip_x - before.slip_x, now.vy - before.vy
         mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x) - before.bend, before.vy)
@@ -332,12 +334,15 @@ def slip_forces(
         across = deflect_across(across, now, contact, period, settings, change_y)
         slip_x = now.slip_x + 0.5 * change_x if still or wheel.held else now.slip_x
         middle = Motion(now.vx, slip_x, now.vy + 0.5 * change_y)
+        push = now.vx - before.vx
         # T, the torque of all other sources: what the known torques leave unexplained of the last change of spin.
         rest = wheel.inertia * (spin - before.spin) / period - before.torque
     else:
         across = deflect_across(across, now, contact, 0.5 * period, settings)
-    ahead = Deflection(deflect_along(along, now, contact, 0.5 * period, settings), across)
-    kappa, tan_alpha = relaxed_slip(ahead, middle, contact, settings)
+    ahead = along
+    if still or wheel.held:
+        ahead = deflect_along(along, now, contact, 0.5 * period, settings)
+    kappa, tan_alpha = relaxed_slip(Deflection(ahead, across), middle, contact, settings)
 
     # Forces of a wheel that stands still, if the brake can hold it: it must bear T + M - Re Fx and remove the rest of
     # the spin, -(I / dt + damping) ω.
@@ -352,10 +357,24 @@ def slip_forces(
             still = abs(needed) < brake
     # Slip for the mean force, with the spin changed by drive, brake, rolling resistance and road.
     if not (still or wheel.held):
+        known, force = before.kappa, before.fx
+        # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
+        slope = contact.stiffness_x
+        if abs(known) > _SMALL:
+            slope = max(0.0, min(slope, force / known))
         kappa, bend = _mean_slip(
-            before, along, spin, kappa, contact, now, settings, radius, given, brake, mobile, period
+            known, force, slope, along, spin, contact, now, settings, radius, given, brake, mobile, push, period
         )
         fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
+        # Where the force is not that of the secant, a chord of the law at this load and lateral slip replaces it.
+        wrong, moved = scale * fx - force - slope * (kappa - known), kappa - known
+        if abs(wrong) > _LINEAR * contact.friction_x and abs(moved) > _SMALL:
+            force = scale * law(curve, known, tan_alpha, now.vx)[0]
+            slope = max(0.0, min(contact.stiffness_x, (scale * fx - force) / moved))
+            kappa, bend = _mean_slip(
+                known, force, slope, along, spin, contact, now, settings, radius, given, brake, mobile, push, period
+            )
+            fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
         needed = scale * radius * fx - mobile * spin - given
     fx, fy, mz = scale * fx, scale * fy, scale * mz
     if brake > 0.0 and not wheel.held:
@@ -443,10 +462,11 @@ def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, f
 
 
 def _mean_slip(
-    before: Any,
+    known: float,
+    force: float,
+    slope: float,
     along: float,
     spin: float,
-    kappa: float,
     contact: Contact,
     now: Motion,
     settings: RelaxationSettings,
@@ -454,6 +474,7 @@ def _mean_slip(
     torque: float,
     brake: float,
     mobile: float,
+    push: float,
     period: float,
 ) -> tuple[float, float]:
     """Return the slip for the mean force of a step, and the mean of s less that of its ends [m/s].
@@ -461,10 +482,11 @@ def _mean_slip(
     See the head of the module.
 
     Args:
-        before: the step before.
+        known: slip about which the force is linear [1].
+        force: force at this slip [N].
+        slope: its derivative, not negative [N].
         along: longitudinal deflection now [m].
         spin: rate now [rad/s].
-        kappa: slip in mid-step at constant spin [1].
         contact: the tyre.
         now: motion of the contact point.
         settings: behaviour at low speed.
@@ -472,23 +494,25 @@ def _mean_slip(
         torque: torque on the spin without brake and road [N m].
         brake: largest torque of the brake [N m].
         mobile: I / dt [N m s/rad].
+        push: change of Vx in the step [m/s].
         period: step of the plant [s].
     """
-    # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
-    secant = contact.stiffness_x
-    if abs(before.kappa) > _SMALL:
-        secant = max(0.0, min(secant, before.fx / before.kappa))
+    if contact.stiffness_x <= 0.0:
+        return 0.0, 0.0
+    damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
+    damper, decay = damping / contact.stiffness_x, abs(now.vx) / contact.length_x
+    s0, u0, gain = -now.slip_x, along, radius / (mobile * period)
     # x' = A x + g for x = (s - s0, u - u0).
-    decay, pull = abs(now.vx) / contact.length_x if contact.stiffness_x > 0.0 else 0.0, 0.0
-    damper = 0.0
-    if contact.stiffness_x > 0.0:
-        damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
-        damper = damping / contact.stiffness_x
-        pull = radius * radius * secant / (mobile * period)
+    pull = radius * gain * slope
     a, b = -pull * damper, -pull / contact.length_x
     determinant, trace = pull * (damper * decay + 1.0 / contact.length_x), a - decay
     if determinant * period * period < _SLOW:
-        return kappa, 0.0
+        # The force is constant, so s is linear.
+        change = gain * (torque - radius * force) * period
+        if brake > 0.0:
+            limit = gain * brake * period
+            change += max(-limit, min(limit, -radius * spin - change))
+        return _slip_of_ramp(u0, s0, change - push, decay, damper, contact.length_x, period), 0.0
 
     # exp(A t) = c 1 + e (A - trace / 2 1), for real and for complex eigenvalues.
     square = 0.25 * trace * trace - determinant
@@ -506,21 +530,45 @@ def _mean_slip(
     p11, p12 = (-decay * m11 - b * m21) / determinant, (-decay * m12 - b * m22) / determinant
     p21, p22 = (-m11 + a * m21) / determinant, (-m12 + a * m22) / determinant
 
-    # Force at the beginning of the step, linearised about the last one.
-    s0, u0 = -now.slip_x, along
-    start = before.fx + secant * (u0 / contact.length_x + damper * s0 - before.kappa)
-    gain = radius / (mobile * period)
-    g1, g2 = gain * (torque - radius * start), s0 - decay * u0
+    # Force at the beginning of the step.
+    start = force + slope * (u0 / contact.length_x + damper * s0 - known)
+    g1, g2 = gain * (torque - radius * start) - push / period, s0 - decay * u0
     if brake > 0.0:
         # The torque that stops the wheel by the end of the step, within its limit.
-        held = max(-brake, min(brake, (-radius * spin - p11 * g1 - p12 * g2) / (p11 * gain)))
+        held = max(-brake, min(brake, (-radius * spin - push - p11 * g1 - p12 * g2) / (p11 * gain)))
         torque += held
         g1 += gain * held
     change, moved = p11 * g1 + p12 * g2, p21 * g1 + p22 * g2
     # Mean of x over the step: A⁻¹ (x - g t) / t.
     mean = (-decay * (change - g1 * period) - b * (moved - g2 * period)) / (determinant * period)
-    force = (torque - mobile * change / radius) / radius
-    return before.kappa + (force - before.fx) / secant, mean - 0.5 * change
+    needed = (torque - mobile * (change + push) / radius) / radius
+    return known + (needed - force) / slope, mean - 0.5 * change
+
+
+def _slip_of_ramp(
+    u0: float, s0: float, change: float, decay: float, damper: float, length: float, period: float
+) -> float:
+    """Return the mean slip of a step with a linear slip velocity.
+
+    Args:
+        u0: deflection at its beginning [m].
+        s0: slip velocity there [m/s].
+        change: its change in the step [m/s].
+        decay: |Vx| / σ [1/s].
+        damper: k / C [s/m].
+        length: relaxation length σ [m].
+        period: length of the step [s].
+    """
+    # Means of u over the step, for a deflection, a slip velocity and a ramp of it of one; series for small p.
+    p = decay * period
+    if p < 1e-3:
+        rest, constant, ramp = 1.0 - p / 2.0 + p * p / 6.0, 0.5 - p / 6.0 + p * p / 24.0, (1.0 - 0.25 * p) / 6.0
+    else:
+        rest = (1.0 - exp(-p)) / p
+        constant = (1.0 - rest) / p
+        ramp = (0.5 - constant) / p
+    deflection = rest * u0 + period * (constant * s0 + ramp * change)
+    return deflection / length + damper * (s0 + 0.5 * change)
 
 
 STEP_PARTS = (
@@ -534,5 +582,6 @@ STEP_PARTS = (
     limited_effort,
     rolling_moment,
     _mean_slip,
+    _slip_of_ramp,
 )
 """Functions that :func:`tyre_step` calls, without the law."""
