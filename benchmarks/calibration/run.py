@@ -81,7 +81,7 @@ def true_values(case: Case, fit: Fit) -> dict[str, float]:
     v, s = case.vehicle, case.sensors
     size = 1.0 if "mass" in case.known else 1.0 / v.mass
     values = {
-        "yaw_inertia": size * v.yaw_inertia, "steering_ratio": v.ratio,
+        "yaw_inertia": size * v.yaw_inertia, "steering_ratio": v.ratio, "wheelbase": v.wheelbase,
         "steering_delay": v.delay, "steering_lag": v.lag,
         "cornering_stiffness_front": size * v.stiffness_front, "cornering_stiffness_rear": size * v.stiffness_rear,
         "accelerometer_ahead": s.accelerometer, "velocity_ahead": s.velocity, "relaxation": v.relaxation,

@@ -57,6 +57,7 @@ URDF_PARAMETERS = {
     "yaw_inertia": "follows from the bodies of the URDF; change them in the xacro files",
     "front_length": "follows from the bodies of the URDF; change them in the xacro files",
     "rear_length": "follows from the bodies of the URDF; change them in the xacro files",
+    "wheelbase": "follows from the joints of the URDF; change them in the xacro files",
 }
 """Parameters that follow from the URDF."""
 

@@ -8,6 +8,7 @@ Residuals with a memory count for n effective samples (M. S. Bartlett, Journal o
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 Array = NDArray[np.float64]
 
@@ -19,8 +20,9 @@ relation lacks, as roll or the bank of the road, however certain its estimate is
 def effective_samples(residuals: Array) -> float:
     """Return the number of independent samples that residuals with a memory count for."""
     size, left = len(residuals), residuals - residuals.mean()
-    # Autocorrelation by the Wiener-Khinchin theorem; padding to twice the length keeps it from wrapping around.
-    memory = np.fft.irfft(np.abs(np.fft.rfft(left, 2 * size)) ** 2)[:size]
+    # Autocorrelation by the Wiener-Khinchin theorem; padding to twice the length at least keeps it from wrapping around.
+    length = next_fast_len(2 * size, real=True)
+    memory = np.fft.irfft(np.abs(np.fft.rfft(left, length)) ** 2, length)[:size]
     memory = memory / max(memory[0], 1e-300)
     end = int(np.argmax(memory <= 0.0)) or size  # the memory ends where it first vanishes
     return size / (1.0 + 2.0 * float(np.sum(memory[1:end] ** 2)))

@@ -253,10 +253,14 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     # Rows that repeat a value beyond its usual hold are samples at rest, without which the medians see only motion.
     hold_lengths = np.diff(first, append=len(values))
     usual = max(int(np.median(hold_lengths)), 1)
-    more = first[:, None] + usual * np.arange(1, MAX_HELD)
-    more = more[more < (first + hold_lengths)[:, None]]
-    rows = np.union1d(first, more[np.isfinite(values[more])])
-    return rows, np.isin(rows, first)
+    long = hold_lengths > usual
+    more = first[long, None] + usual * np.arange(1, MAX_HELD)
+    more = more[more < (first + hold_lengths)[long, None]]
+    is_fresh, is_sample = np.zeros((2, len(values)), dtype=bool)
+    is_fresh[first] = is_sample[first] = True
+    is_sample[more[np.isfinite(values[more])]] = True
+    rows = np.flatnonzero(is_sample)
+    return rows, is_fresh[rows]
 
 
 def _is_kick(values: Array, rows: NDArray[np.intp], bad: NDArray[np.bool_], others: NDArray[np.bool_]) -> bool:

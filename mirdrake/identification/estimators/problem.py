@@ -48,7 +48,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         self.free = [unknown for unknown in self.unknowns if unknown.kind != "fixed"]
-        guess = {unknown.info.name: unknown.info.guess for unknown in self.unknowns}
+        guess = self.model.complete({unknown.info.name: unknown.info.guess for unknown in self.unknowns})
         self._guess = guess
         self._shots = [make_shots(self.model, drive, guess) for drive in self.drives]
         # Guesses at the first parameters stay the reference of the initial states, as nodes move during the fit.
@@ -94,7 +94,7 @@ class Problem:
         values = dict(self._guess)
         for parameter, scaled in zip(self.free, z, strict=False):
             values[parameter.info.name] = parameter.to_value(float(scaled))
-        return values
+        return self.model.complete(values)
 
     def scaled(self, values: Mapping[str, float]) -> Array:
         """Return the unknowns for given parameters, without offsets and with guessed initial states."""
@@ -115,9 +115,8 @@ class Problem:
         columns = [base]
         if derivatives:
             for parameter, scaled in zip(self.free, z, strict=False):
-                columns.append(
-                    {**base, parameter.info.name: parameter.to_value(float(scaled) + self.model.difference_step)}
-                )
+                changed = parameter.to_value(float(scaled) + self.model.difference_step)
+                columns.append(self.model.complete({**base, parameter.info.name: changed}))
         # Unknowns are, in this order: parameters, offsets of sensors, and the initial state of each segment.
         runs = []
         scales, size = np.array(self.model.state_scales), len(self.model.states)

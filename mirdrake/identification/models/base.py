@@ -278,6 +278,10 @@ class Model(ABC):
         del p, assumed
         return ()
 
+    def complete(self, p: Mapping[str, float]) -> dict[str, float]:
+        """Return parameters with those that follow from others; the same again for its own result."""
+        return dict(p)
+
     def complement(self, name: str) -> str | None:
         """Return the parameter whose sum with this one is known, so that an error of one is that of the other."""
         del name

@@ -95,7 +95,6 @@ from mirdrake.identification.models.equations import CompiledModel
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
 from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
 from mirdrake.identification.models.single_track_parameters import (
-    ASSUMED_WHEELBASE,
     DELAYS,
     RELAXATION,
     single_track_parameters,
@@ -230,7 +229,6 @@ class SingleTrackModel(CompiledModel):
             damper_lag=self._has_damper_lag,
         )  # fmt: skip
         self._wheelbase = wheelbase
-        self._no_wheelbase = wheelbase is None and not (known.get("front_length") and known.get("rear_length"))
         # Below a speed at constant Froude number v²/(g L) the slip angles are undefined, and the model changes to
         # kinematics.
         p = {info.name: info.guess for info in self.parameters}
@@ -388,6 +386,7 @@ class SingleTrackModel(CompiledModel):
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return the understeer gradient and other combinations that quasi-steady driving identifies."""
+        p = self.complete(p)
         a, m, length = p["front_length"], p["mass"], p["front_length"] + p["rear_length"]
         front, rear = p["cornering_stiffness_front"], p["cornering_stiffness_rear"]
         gradient = self._understeer(p)
@@ -470,9 +469,6 @@ class SingleTrackModel(CompiledModel):
         lengths = ("front_length", "rear_length")
         moved = {"front_length": _CENTRE * length, "rear_length": -_CENTRE * length}
         assume(lengths, moved, "where the centre of mass is", "give front_length and rear_length")
-        if self._no_wheelbase:
-            moved = {name: ASSUMED_WHEELBASE * p[name] for name in lengths if name in assumed}
-            assume((), moved, "the wheelbase", "give the wheelbase")
         if self._relaxation:
             moved = {name: 0.5 * p[name] for name in self._lengths}
             assume(
@@ -542,6 +538,13 @@ class SingleTrackModel(CompiledModel):
             omit("a lag of the steering", remedy, {"steering_lag": OMITTED_FRACTION * _LAG}, {})
         return tuple(assumptions)
 
+    def complete(self, p: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters with axle distances in proportion to a wheelbase that is estimated."""
+        if "wheelbase" not in p:
+            return dict(p)
+        scale = p["wheelbase"] / (p["front_length"] + p["rear_length"])
+        return {**p, "front_length": scale * p["front_length"], "rear_length": scale * p["rear_length"]}
+
     def complement(self, name: str) -> str | None:
         """Return the other part of a given wheelbase."""
         parts = {"front_length": "rear_length", "rear_length": "front_length"}
@@ -558,6 +561,8 @@ class SingleTrackModel(CompiledModel):
             return "do a slow steering ramp to the limit of the tyres"
         if names & _ROLL_PARAMETERS:
             return _sweep(covered, 3.0) if "roll_rate" in self._channels else "record the roll rate"
+        if "wheelbase" in names:
+            return "give the wheelbase"
         if "steering_ratio" in names:
             slow_and_fast = "do slow and fast turns: the ratio shows at walking pace, the stiffness at speed"
             return "" if covered.speeds else slow_and_fast

@@ -18,7 +18,7 @@ _ROLL_ARM = 0.15
 """Height of the centre of mass above the roll axis over the wheelbase [1]: 0.4 m for a car."""
 
 ASSUMED_WHEELBASE = 0.5
-"""Standard deviation of an assumed wheelbase over that which suits the tightest turn [1]."""
+"""Standard deviation of the logarithm of an unknown wheelbase from that which suits the tightest turn [1]."""
 
 _AXLES = {"relaxation": "both axles", "relaxation_front": "front", "relaxation_rear": "rear"}
 
@@ -139,6 +139,11 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
         Parameter("front_length", "m", "centre of mass to front axle", size.front, 0.01, 20.0, source=size.sources[0]),
         Parameter("rear_length", "m", "centre of mass to rear axle", size.rear, 0.01, 20.0, source=size.sources[1]),
     ]
+    # Without a wheelbase the axle distances are in proportion to an estimated one.
+    if "front_length" not in known and "rear_length" not in known and size.is_assumed:
+        parameters.append(
+            Parameter("wheelbase", "m", "distance of the axles", length, 0.1, 40.0, True, usual=ASSUMED_WHEELBASE)
+        )
     parameters += [
         Parameter(f"cornering_stiffness_{axle}", stiffness, f"cornering stiffness of the {axle} axle, both tyres{per}",
                   _CORNERING * load, 0.3 * load, 500.0 * load, True, usual=0.5)
