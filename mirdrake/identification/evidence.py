@@ -20,7 +20,7 @@ relation lacks, as roll or the bank of the road, however certain its estimate is
 def effective_samples(residuals: Array) -> float:
     """Return the number of independent samples that residuals with a memory count for."""
     size, left = len(residuals), residuals - residuals.mean()
-    # Autocorrelation by the Wiener-Khinchin theorem; padding to twice the length at least keeps it from wrapping around.
+    # Autocorrelation by the Wiener-Khinchin theorem; with zeros of at least its length it does not wrap around.
     length = next_fast_len(2 * size, real=True)
     memory = np.fft.irfft(np.abs(np.fft.rfft(left, length)) ** 2, length)[:size]
     memory = memory / max(memory[0], 1e-300)
