@@ -22,13 +22,7 @@ from mirdrake.identification.lateral_delays import LateralDelays, estimate_later
 from mirdrake.identification.relations import Grid, Relation, make_grid
 
 SIGNIFICANT = 5.0
-"""Standard deviations above which the delays of two logs differ."""
-
-CONTRADICTS = 0.04
-"""Least difference between the delays of a single log and of all logs that counts as a contradiction [s]."""
-
-INERTIAL_UNIT = ("yaw_rate", "roll_rate", "lateral_acceleration", "longitudinal_acceleration")
-"""Channels of an inertial measurement unit: one source where the logs do not show otherwise."""
+"""Standard deviations within which a delay of zero is certain."""
 
 Pairs = list[tuple[Relation, Delay]]
 
@@ -77,7 +71,7 @@ def check_delays(
     """Find channels with a delay; the repair shifts as few as possible.
 
     A recorder has the same delays in every log: they are estimated from all logs together, and all logs are shifted
-    alike. Only logs that contradict each other are treated one by one.
+    alike. Logs of another recorder need a data file of their own.
 
     Args:
         logs: logs of one vehicle.
@@ -101,25 +95,15 @@ def check_delays(
         grids.append(grid)
         pairs.append(own)
 
-    # One recorder for all logs, unless a log contradicts the others.
-    # Logs of one recorder have the same delays, which are then estimated from all of them.
-    together = _lateral_delays(grids, sources)
-    singles = [together] if len(grids) == 1 else [_lateral_delays([grid], sources) for grid in grids]
-    one_recorder = _agree(pairs) and not any(_contradicts(single, together) for single in singles)
-    groups = [range(len(logs))] if one_recorder else [range(index, index + 1) for index in range(len(logs))]
-    for group in groups:
-        lateral = together if len(group) == len(logs) else singles[group[0]]
-        evidence = _Evidence(
-            [grids[index] for index in group], _pooled([pairs[index] for index in group]), lateral, sources, clock
-        )
-        shifts, findings = _delays(evidence, repair=repair, together=len(group) > 1)
-        for index in group:
-            log = shifted_logs[index]
-            all_findings += [
-                replace(finding, log=log.name) for finding in findings if set(finding.channels) <= set(log.channels)
-            ]
-            own_shifts = {name: value for name, value in shifts.items() if name in log.channels}
-            shifted_logs[index] = _shifted(log, own_shifts) if repair else log
+    # Logs of one recorder have the same delays, which are estimated from all of them.
+    evidence = _Evidence(grids, _pooled(pairs), _lateral_delays(grids, sources), sources, clock)
+    shifts, findings = _delays(evidence, repair=repair, together=len(logs) > 1)
+    for index, log in enumerate(shifted_logs):
+        all_findings += [
+            replace(finding, log=log.name) for finding in findings if set(finding.channels) <= set(log.channels)
+        ]
+        own_shifts = {name: value for name, value in shifts.items() if name in log.channels}
+        shifted_logs[index] = _shifted(log, own_shifts) if repair else log
     return shifted_logs, all_findings
 
 
@@ -128,29 +112,6 @@ def _lateral_delays(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -
     # Channels that change on the same rows have one clock; without such evidence the residuals decide.
     one_source = True if any({"vy", forward} <= set(source) for source in sources) else None
     return estimate_lateral_delays(grids, together=one_source)
-
-
-def _contradicts(own: LateralDelays | None, common: LateralDelays | None) -> bool:
-    """Whether a log has another delay of vy or of the lateral acceleration than all logs together.
-
-    The accelerometer is in one position: a log that has a delay only with another position does not count.
-    """
-    if own is None or common is None or abs(own.arm - common.arm) > 2.0 * np.hypot(own.arm_sigma, common.arm_sigma):
-        return False
-    # Delays that are zero by their hypothesis contradict nothing.
-    pairs = zip((own.acceleration, own.velocity), (common.acceleration, common.velocity), own.sigmas, strict=True)
-    return any(abs(delay - other) > max(CONTRADICTS, SIGNIFICANT * sigma) for delay, other, sigma in pairs if delay)
-
-
-def _agree(pairs: Sequence[Pairs]) -> bool:
-    """Whether no log contradicts the pooled delay of a pair."""
-    pooled = {str(relation): delay.value for relation, delay in _pooled(pairs)}
-    return all(
-        abs(delay.value - pooled[str(relation)]) < max(CONTRADICTS, SIGNIFICANT * delay.sigma)
-        for own in pairs
-        for relation, delay in own
-        if relation.timed and relation.measured != "lateral_acceleration" and delay.is_likely
-    )
 
 
 def _pooled(pairs: Sequence[Pairs]) -> Pairs:
@@ -198,10 +159,6 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         delays["y"] = delays["x"]
     of_source = _delays_of_sources(delays, evidence.sources, pairs, threshold)
     delays |= of_source
-    # Without vy nothing shows the delay of the lateral acceleration: it is that of the unit that contains the gyro.
-    present = set(INERTIAL_UNIT) & {name for grid in evidence.grids for name in grid.channels}
-    of_unit = {} if evidence.lateral else _delays_of_sources(delays, [present], pairs, threshold)
-    delays |= of_unit
     shifts = {name: value for name, value in delays.items() if abs(value) > threshold}
 
     def shifted(names: Collection[str]) -> Statement | None:
@@ -214,10 +171,9 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
     # Without vy, ay leads vx r by the change of vy: such pairs have a delay even with one clock.
     findings = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
     findings += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
-    for code, values in (("common_source", of_source), ("common_unit", of_unit)):
-        for name, value in values.items():
-            text = statement(code, channel=name, delay=value)
-            findings.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
+    for name, value in of_source.items():
+        text = statement("common_source", channel=name, delay=value)
+        findings.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
     return shifts, findings + _lateral_findings(evidence, of_source, shifts, shifted)
 
 

@@ -210,10 +210,6 @@ FINDINGS: dict[str, Text] = {
         f"{f['channel']} changes on the same rows as channels with a delay of "
         f"{1e3 * float(f['delay']):.3g} ms: it comes from the same source"
     ),
-    "common_unit": lambda f: (
-        f"{f['channel']} is assumed to come from the inertial unit whose yaw_rate is "
-        f"{1e3 * float(f['delay']):.3g} ms late"
-    ),
     "clock_drift": lambda f: (
         f"the delay of {f['channel']} against {f['other']} changes by "
         f"{1e6 * float(f['drift']):.3g} µs per second: two clocks"
