@@ -135,11 +135,12 @@ def draw_svg(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
     return run_dot(write_dot(assembly, expand=expand), purpose="drawing a diagram")
 
 
-def fit_svg(svg: str, *, widest: float = 750.0) -> str:
+def fit_svg(svg: str, *, widest: float = 630.0) -> str:
     """Return a picture of Graphviz that is at most `widest` points wide and shrinks to the width of its page."""
     size = re.search(r'width="([\d.]+)pt" height="([\d.]+)pt"', svg)
     if size is not None and float(size[1]) > widest:
-        # JupyterLab shows SVG as an image, for which max-width has no effect: width and height are reduced, too.
+        # JupyterLab shows SVG as an image, for which max-width has no effect: width and height are reduced, too, to the
+        # 840 pixels that a cell has in a window of 1300 pixels.
         height = widest * float(size[2]) / float(size[1])
         svg = svg.replace(size[0], f'width="{widest:g}pt" height="{height:.0f}pt"', 1)
     return svg.replace("<svg ", '<svg style="max-width: 100%; height: auto" ', 1)
