@@ -28,7 +28,7 @@ class MirdrakeError(Exception):
     """
 
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(_printable(item) if isinstance(item, str) else item for item in arguments))
+        super().__init__(*(_lines(item) if isinstance(item, str) else item for item in arguments))
 
     def _render_traceback_(self) -> list[str]:
         """Return the text that Jupyter shows: the line of the cell, and the message, without the frames of mirdrake."""
@@ -108,13 +108,20 @@ class MissingDependencyError(MirdrakeError):
 _LONGEST_LINE = 1000  # characters
 
 
-def _printable(message: str) -> str:
+def _lines(message: str) -> str:
     """Return a message in which every line can be printed and is short enough to read."""
     lines = []
     for line in message.split("\n"):
-        text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
+        text = printable(line)
         lines.append(text if len(text) <= _LONGEST_LINE else f"{text[: _LONGEST_LINE - 300]} … {text[-290:]}")
     return "\n".join(lines)
+
+
+def printable(text: str, instead: str | None = None) -> str:
+    """Return a text with another one instead of each character that does not print; its escape without one."""
+    return "".join(
+        letter if letter.isprintable() else ascii(letter)[1:-1] if instead is None else instead for letter in text
+    )
 
 
 def dotted(path: Iterable[Hashable]) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
-from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.errors import MirdrakeError, printable
 from mirdrake.core.yaml_io import display_path
 
 __all__ = ["Element", "XmlDocument", "count_unread", "parse_xml", "read_xml_bytes"]
@@ -105,7 +105,7 @@ def parse_xml(
 
     def reject_entity(entity: str, *_: Any) -> NoReturn:
         # The name is from an untrusted file: it must not bring control characters into a terminal.
-        shown_entity = "".join(letter if letter.isprintable() else "?" for letter in str(entity))[:60]
+        shown_entity = printable(str(entity), "?")[:60]
         location = f"{name}:{parser.CurrentLineNumber}"
         raise error(f"{location}: declares the XML entity '{shown_entity}'; write out its value")
 

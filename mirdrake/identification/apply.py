@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, printable
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
 from mirdrake.core.yaml_io import any_to_si, display_path, parse_tree, parse_yaml, read_text, validate
 from mirdrake.identification.fit import Fit, FittedParameter
@@ -166,7 +166,7 @@ def source_text(fit: Fit, parameter: FittedParameter, place: YamlEntry, today: d
     if fit.data_sha256:
         parts.append(f"data sha256 {fit.data_sha256[:16]}")
     # Names from a study may have line breaks, which would break the YAML text.
-    return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
+    return printable(", ".join(parts), " ")
 
 
 def _skip_reason(parameter: FittedParameter, folder: "_Folder", *, force: bool) -> str:

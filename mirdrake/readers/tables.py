@@ -67,6 +67,11 @@ class Table:
     lines: NDArray[np.int64] | None = None
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def has_header(self) -> bool:
+        """Whether one of its names is not a number; otherwise the first row of data was taken as header."""
+        return not all(map(_is_number, filter(None, self.names)))
+
     def numbers(self, column: str, place: str) -> NDArray[np.float64]:
         """Return one column as floats (n), NaN where a cell is empty or infinite.
 
@@ -77,8 +82,7 @@ class Table:
         Raises:
             ConfigError: the column does not exist, or a cell is not a number.
         """
-        # Numbers as names mean that the first row was taken as header.
-        if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
+        if column not in self.columns and self.lines is not None and not self.has_header:
             raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
         if self.names.count(column) > 1:
             raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
@@ -155,7 +159,7 @@ def as_numbers(cells: "pd.Series[Any]") -> NDArray[np.float64]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        float(text.replace(",", "."))  # a decimal comma, as in files of a German locale
     except ValueError:
         return False
     return True

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import NoReturn, TypeVar
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, place_prefix, printable
 from mirdrake.core.yaml_io import to_si
 from mirdrake.requirements.judging import Kind, Requirement
 from mirdrake.requirements.observation import EVENTS, SIGNALS
@@ -242,7 +242,6 @@ class _Parser:
             self._fail(f"'{word}' is expected" + (f", not '{self._peek()}'" if self._peek() else " at the end"))
 
     def _fail(self, what: str) -> NoReturn:
-        prefix = f"{self._where}: " if self._where else ""
         text = self._text if len(self._text) <= 80 else f"{self._text[:79]}…"
         line = f"'{text}' is not a requirement: {what}; {_ALLOWED}"
-        raise ConfigError(prefix + "".join(c if c.isprintable() else " " for c in line))
+        raise ConfigError(place_prefix(self._where) + printable(line, " "))

@@ -8,7 +8,7 @@ from datetime import UTC, date, datetime
 
 from pydantic import BaseModel
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, printable
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
 from mirdrake.core.yaml_io import display_path, parse_tree, parse_yaml, read_text, where
 from mirdrake.tuning.loops.base import Evaluation
@@ -89,7 +89,7 @@ def provenance(result: TuningResult, candidate: CandidateResult, today: date) ->
         before = next((entry.cost for entry in result.candidates if entry.name == result.baseline), None)
         compared = before is not None and result.baseline != candidate.name
         parts.append(f"cost {candidate.cost:.4g}" + (f" (baseline {before:.4g})" if compared else ""))
-    return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
+    return printable(", ".join(parts), " ")
 
 
 def _check_feasible(result: TuningResult, chosen: CandidateResult) -> None:

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean, printable
 from mirdrake.core.yaml_io import display_path
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Version
 
@@ -286,7 +286,7 @@ def _number(text: str) -> float:
 
 
 def _short(text: str) -> str:
-    text = "".join(c if c.isprintable() else "?" for c in text)
+    text = printable(text, "?")
     return text if len(text) <= 40 else f"{text[:39]}…"
 
 

@@ -31,7 +31,7 @@ import xacro
 import yaml
 from xacro.substitution_args import convert_value
 
-from mirdrake.core.errors import ModelError, did_you_mean
+from mirdrake.core.errors import ModelError, did_you_mean, printable
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import display_path
 from mirdrake.vehicles.expansions import Expansions
@@ -292,9 +292,9 @@ class _Expansion:
         reason = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"
         # A default replaces a variable that may not be read, with a warning if it is set.
         if default is None:
-            raise xacro.XacroException(f"environment variable '{_printable(name)}' {reason}")
+            raise xacro.XacroException(f"environment variable '{printable(name)}' {reason}")
         if name not in allowed and name in os.environ:
-            self.warnings.append(f"{self.where()}: environment variable '{_printable(name)}' {reason}")
+            self.warnings.append(f"{self.where()}: environment variable '{printable(name)}' {reason}")
         return default
 
 
@@ -419,7 +419,7 @@ def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> 
     for name in given:
         if name not in note.arguments and name not in note.used:
             prefix = f"{where}: " if where else f"{display_path(note.files[0])}: "
-            raise ModelError(f"{prefix}unknown argument '{_printable(name)}'; {did_you_mean(name, note.arguments)}")
+            raise ModelError(f"{prefix}unknown argument '{printable(name)}'; {did_you_mean(name, note.arguments)}")
 
 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
@@ -566,10 +566,5 @@ def _drop_space_and_comments(node: Any) -> None:
 def _one_line(error: Exception) -> str:
     # Python writes functions with their address in memory, which is different in each run.
     parts = re.sub(r" at 0x[0-9a-f]+", "", " ".join(str(error).split())).split(" when evaluating expression ")
-    text = _printable(" in ".join(parts[:2])) or type(error).__name__
+    text = printable(" in ".join(parts[:2])) or type(error).__name__
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} …"
-
-
-def _printable(text: str) -> str:
-    """Return the text with invisible characters written as escapes."""
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)

@@ -139,20 +139,10 @@ def _read_table(path: Path, name: str, columns: list[str]) -> tuple[Table, bool]
     if size > _LARGEST:
         raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB; reduce the number of points")
     table = read_csv(Request(path, columns))
-    # A header has at least one cell that is not a number; the first line of data has none.
-    if not all(map(_is_number, filter(None, table.names))):
+    if table.has_header:
         return table, True
     layout = CsvLayout(columns=[str(number) for number in range(1, len(table.names) + 1)])
     return read_csv(Request(path, (), layout)), False
-
-
-def _is_number(text: str) -> bool:
-    try:
-        # A decimal comma, as in files of a German locale.
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _find_column(key: str, column: str | int, table: Table, *, has_header: bool) -> str:

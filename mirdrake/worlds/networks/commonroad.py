@@ -15,7 +15,7 @@ import numpy as np
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.xml_reader import XmlDocument, parse_xml, read_xml_bytes
 from mirdrake.core.yaml_io import display_path
-from mirdrake.worlds.networks.lane import Lane, lane_along
+from mirdrake.worlds.networks.lane import Lane, connect, lane_along
 from mirdrake.worlds.networks.network import Control, Network, PaintedLine, Signal, StopLine, signal_name
 from mirdrake.worlds.networks.right_of_way import decide
 from mirdrake.worlds.pieces import Array
@@ -67,7 +67,7 @@ def read_commonroad(path: str | Path) -> Network:
 
     # Links refer to lanelets further down in the file, so that they follow once all are known.
     lanes = {name: _connected(lane, elements[name], lanes, signs) for name, lane in lanes.items()}
-    lanes = _with_predecessors(lanes)
+    lanes = connect(lanes, {name: lane.successors for name, lane in lanes.items()})
     signals = {signal.name: signal for signal in _signals(root, elements, lanes, document)}
     stop_lines = tuple(_stop_lines(elements, lanes, signals, document))
     network = Network(path.stem, lanes, stop_lines, signals, markings=tuple(marks))
@@ -163,14 +163,6 @@ def _connected(lane: Lane, element: Element, lanes: Mapping[str, Lane], signs: M
         # The lowest of several limits holds; zero is none.
         speed_limit=min(limits) if limits and min(limits) > 0.0 else None,
     )
-
-
-def _with_predecessors(lanes: Mapping[str, Lane]) -> dict[str, Lane]:
-    before: dict[str, list[str]] = {name: [] for name in lanes}
-    for lane in lanes.values():
-        for name in lane.successors:
-            before[name].append(lane.id)
-    return {name: replace(lane, predecessors=tuple(before[name])) for name, lane in lanes.items()}
 
 
 def _junctions(root: Element) -> Iterator[tuple[str, str]]:

@@ -1,7 +1,8 @@
 """Lanes: centre lines as polylines by arc length, in the direction of travel."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -209,3 +210,15 @@ def _spline_headings(places: Array, chords: Array) -> Array:
         return np.full(2, math.atan2(dy, dx))
     slope = scipy.interpolate.CubicSpline(t, places, bc_type="natural" if len(places) == 3 else "not-a-knot")(t, 1)
     return np.asarray(np.arctan2(slope[:, 1], slope[:, 0]))
+
+
+def connect(lanes: Mapping[str, Lane], following: Mapping[str, Sequence[str]]) -> dict[str, Lane]:
+    """Return the lanes with the given successors, and with the predecessors that result from them."""
+    preceding: dict[str, list[str]] = {name: [] for name in lanes}
+    for before, names in following.items():
+        for name in names:
+            preceding[name].append(before)
+    return {
+        name: replace(lane, successors=tuple(following[name]), predecessors=tuple(preceding[name]))
+        for name, lane in lanes.items()
+    }

@@ -11,7 +11,7 @@
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -20,7 +20,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import display_path
-from mirdrake.worlds.networks.lane import Change, Lane, lane_along
+from mirdrake.worlds.networks.lane import Change, Lane, connect, lane_along
 from mirdrake.worlds.networks.network import DRIVEN, Network
 from mirdrake.worlds.networks.opendrive_links import find_links, lane_id
 from mirdrake.worlds.networks.opendrive_marks import read_marks
@@ -52,7 +52,7 @@ def read_network(path: str | Path) -> Network:
     if not any(lane.kind in DRIVEN for lane in lanes.values()):
         raise ConfigError(f"{display_path(path)}: none of its {len(lanes)} lanes is for motor vehicles")
     links = find_links(root, roads, lanes)
-    lanes = _connect(lanes, links.following)
+    lanes = connect(lanes, links.following)
     left_hand = any(road.element.get("rule") == "LHT" for road in roads.values())
     network = Network(path.stem, lanes, left_hand=left_hand, markings=read_marks(roads, places))
 
@@ -155,15 +155,3 @@ def _allowed(element: Element | None, step: int) -> bool:
     # Without a stated attribute the kind of the paint decides: solid lines must not be crossed.
     default = "none" if mark.get("type", "none").startswith("solid") else "both"
     return mark.get("laneChange", default) in {"both", "increase" if step > 0 else "decrease"}
-
-
-def _connect(lanes: Mapping[str, Lane], following: Mapping[str, list[str]]) -> dict[str, Lane]:
-    """Return the lanes with their successors and predecessors."""
-    preceding: dict[str, list[str]] = {name: [] for name in lanes}
-    for before, names in following.items():
-        for name in names:
-            preceding[name].append(before)
-    return {
-        name: replace(lane, successors=tuple(following[name]), predecessors=tuple(preceding[name]))
-        for name, lane in lanes.items()
-    }
