@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.assembly.diagram import assemble
@@ -25,6 +27,7 @@ from mirdrake.plant.wheels.motion import (
     base_motion,
     wheel_motion,
     wheel_places,
+    wheel_pose,
 )
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import estimate_parameters
@@ -142,6 +145,69 @@ def test_the_contact_of_a_vertical_tyre_has_the_same_path() -> None:
         add_road_force(forces[0], wheel, flat, 500.0, -1200.0, 40.0, 300.0, -5.0, -200.0, 70.0)
         add_ground_force(forces[1], wheel, ground, (500.0, -1200.0, 300.0), 40.0, -5.0, -200.0, 70.0)
         assert forces[1] == pytest.approx(forces[0], abs=1e-9 * 1e3)
+
+
+@pytest.mark.parametrize("uneven", [False, True], ids=["plane", "ground"])
+@pytest.mark.parametrize("index", range(4))
+def test_forces_and_moments_of_the_road_have_their_power(index: int, uneven: bool) -> None:
+    """A car that rolls, pitches, steers and travels: force times velocity, moment times angular velocity of the wheel.
+
+    The angular velocity is that of differences of the frame of the wheel carrier: x axis, axle and their product.
+    """
+    plant, part, wheels = arms_of(on_springs(front=FRONT | TABLES, rear=REAR | TABLES))
+    positions, random, wheel = plant.num_positions(), np.random.default_rng(index), wheels[index]
+    wheel = wheel._replace(rolling=0.3)
+    context = plant.CreateDefaultContext()
+    q = state_at(plant, part, wheel, travel=0.03, deflection=0.005)[:positions]
+    start = part.base.floating_positions_start()
+    q[start : start + 4] = RollPitchYaw(0.2, -0.25, 0.7).ToQuaternion().wxyz()
+    if wheel.steering[0] >= 0:
+        q[wheel.steering[0]] = 0.3
+    v = random.uniform(-1.0, 1.0, plant.num_velocities())
+    plant.SetPositions(context, q)
+    moved = plant.MapVelocityToQDot(context, v)
+
+    def pose(positions_now: Any) -> Any:
+        state: Any = np.concatenate([positions_now, v])
+        return wheel_pose(state, wheel, base_motion(state, wheel.base, positions), positions)
+
+    def frame(positions_now: Any) -> Any:
+        base = RotationMatrix(
+            Quaternion(positions_now[start : start + 4] / np.linalg.norm(positions_now[start : start + 4]))
+        )
+        axle = np.array(pose(positions_now).axle)
+        along = np.cross(axle, base.matrix()[:, 2])
+        along /= np.linalg.norm(along)
+        return np.column_stack([along, axle, np.cross(along, axle)])
+
+    step = 1e-6
+    turning = (frame(q + step * moved) - frame(q - step * moved)) / (2.0 * step) @ frame(q).T
+    omega = np.array([turning[2, 1], turning[0, 2], turning[1, 0]])
+
+    state: Any = np.concatenate([q, v])
+    base, force = base_motion(state, wheel.base, positions), [0.0] * plant.num_velocities()
+    fx, fy, fz, mz, resistance, mx = 500.0, -1200.0, 300.0, 40.0, -5.0, 70.0
+    contact: Any
+    if uneven:
+        contact = ground_contact(state, wheel, wheel.arms.radius, 0.2, base, positions, FLAT.data, 0)
+        add_ground_force(force, wheel, contact, (fx, fy, fz), mz, resistance, 0.0, mx)
+        ahead, left, normal = (np.array(axis) for axis in (contact.ahead, contact.left, contact.normal))
+    else:
+        contact = wheel_motion(state, wheel, base, positions)
+        add_road_force(force, wheel, contact, fx, fy, mz, fz, resistance, 0.0, mx)
+        normal = np.array([0.0, 0.0, 1.0])
+        ahead = np.array([*contact.ahead, 0.0])
+        left = np.cross(normal, ahead)
+    assert contact.turn == pytest.approx(omega @ normal, abs=1e-6)
+    rise, rate = pose(q).rise, pose(q).rate
+    velocity = np.array(base.velocity) + np.cross(base.turning, contact.arm_base) + rise * np.array(contact.path)
+    velocity += rate * np.cross(contact.up, contact.arm_pivot)
+    assert (velocity @ ahead, velocity @ left) == pytest.approx((contact.vx, contact.vy), abs=1e-9)
+    axle = np.array(contact.axle)
+    moment, spin = mz * normal + resistance * axle + mx * ahead, v[wheel.spin]
+    power = (fx * ahead + fy * left + fz * normal) @ velocity + moment @ omega
+    power += (moment @ axle - 0.3 * fx) * spin
+    assert np.dot(force, v) == pytest.approx(power, rel=1e-7)
 
 
 def test_arms_press_the_outer_wheel_down_and_support_the_nose_under_braking() -> None:

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mirdrake.ground.layers import TerrainData, ground_at, ground_heights
-from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace, wheel_pose
+from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace, lean_moment, wheel_pose
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
 _STRIDE, _GAP = 8, 0.02  # every eighth sample is taken; those between only where the disc is nearer to the ground [m]
@@ -209,7 +209,7 @@ def ground_contact(
     vy = base.velocity[1] + wz * rx - wx * rz + rise * path[1] + rate * (zz * qx - xz * qz)
     vz = base.velocity[2] + wx * ry - wy * rx + rise * path[2] + rate * (xz * qy - yz * qx)
     # Angular velocity of the wheel carrier; camber turns it about the x axis of the wheel.
-    yawing, leaning = rate + arm.toe_rate * rise, arm.lean_rate * rise
+    yawing, leaning = rate + arm.toe_rate * rise, arm.lean_rate * rise / sqrt(sine * sine + cosine * cosine)
     ox = wx + yawing * xz + leaning * (cosine * xx + sine * xy)
     oy = wy + yawing * yz + leaning * (cosine * yx + sine * yy)
     oz = wz + yawing * zz + leaning * (cosine * zx + sine * zy)
@@ -463,27 +463,34 @@ def add_ground_force(
     x, y, z = fx * tx + fy * lx + fz * nx, fx * ty + fy * ly + fz * ny, fx * tz + fy * lz + fz * nz
     rx, ry, rz = contact.arm_base
     (ax, ay, az), base = contact.axle, wheel.base[1]
+    # Moments of the road on the wheel, which turns with its carrier.
+    mx, my, mz, about = (
+        mz * nx + resistance * ax + mx * tx,
+        mz * ny + resistance * ay + mx * ty,
+        mz * nz + resistance * az + mx * tz,
+        mz * (ax * nx + ay * ny + az * nz) + resistance,
+    )
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
-    force[base] += ry * z - rz * y + mz * nx + resistance * ax + mx * tx
-    force[base + 1] += rz * x - rx * z + mz * ny + resistance * ay + mx * ty
-    force[base + 2] += rx * y - ry * x + mz * nz + resistance * az + mx * tz
+    force[base] += ry * z - rz * y + mx
+    force[base + 1] += rz * x - rx * z + my
+    force[base + 2] += rx * y - ry * x + mz
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += z
-    force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * fx + resistance
+    force[wheel.spin] += about - contact.rolling * fx
 
     # Steering joint: moment about its axis, at the kingpin. Suspension: force along the path of the wheel, and moments
-    # that turn the wheel carrier with the travel.
+    # that turn the wheel carrier with the travel: toe about the steering axis, camber about the x axis of the wheel.
     kx, ky, kz = contact.up
+    steering = kx * mx + ky * my + kz * mz
     if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         qx, qy, qz = contact.arm_pivot
-        ox, oy, oz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
-        force[wheel.steering[1]] += kx * ox + ky * oy + kz * oz + mx * (kx * tx + ky * ty + kz * tz)
+        force[wheel.steering[1]] += kx * (qy * z - qz * y) + ky * (qz * x - qx * z) + kz * (qx * y - qy * x) + steering
     if wheel.suspension[0] >= 0:
         dx, dy, dz = contact.path
+        leaning = lean_moment(contact.axle, contact.up, mx, my, mz)
         force[wheel.suspension[1]] += dx * x + dy * y + dz * z
-        force[wheel.suspension[1]] += contact.braked * brake + contact.toe * mz * (kx * nx + ky * ny + kz * nz)
-        force[wheel.suspension[1]] += contact.lean * mx
+        force[wheel.suspension[1]] += contact.braked * brake + contact.toe * steering + contact.lean * leaning
 
 
 CONTACT_PARTS = (

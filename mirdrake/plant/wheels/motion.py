@@ -15,7 +15,7 @@ has the lever h; the difference acts as if the load were some millimetres away f
 """
 
 from collections.abc import MutableSequence, Sequence
-from math import asin, cos, hypot, sin
+from math import asin, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 from mirdrake.plant.plant import VehicleInPlant
@@ -262,6 +262,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     ahead = vx * along - vy * across
     rolling = wheel.rolling if wheel.rolling > 0.0 else radius
     spin = x[positions + wheel.spin]
+    leaning = arm.lean_rate * rise / hypot(pose.sine, pose.cosine)
     return WheelMotion(
         cx,
         cy,
@@ -280,7 +281,9 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
         spin,
         # Velocity of the wheel centre downwards, that of the suspension included.
         wy * (cx - bx) - wx * (cy - by) - base.velocity[2] - rise * zz,
-        wz + (rate + arm.toe_rate * rise) * zz,
+        wz
+        + (rate + arm.toe_rate * rise) * zz
+        + leaning * (pose.cosine * base.rows[2][0] + pose.sine * base.rows[2][1]),
         path,
         (arm.brake_rate - arm.x_rate) / rolling,
         arm.toe_rate,
@@ -317,27 +320,42 @@ def add_road_force(
     along, minus_across = motion.ahead
     x, y = fx * along - fy * minus_across, fx * minus_across + fy * along
     rx, ry, rz = motion.arm_base
-    base = wheel.base[1]
+    (ax, ay, az), base = motion.axle, wheel.base[1]
+    # Moments of the road on the wheel, which turns with its carrier.
+    about = mz * az + resistance
+    mx, my, mz = mx * along + resistance * ax, mx * minus_across + resistance * ay, mz + resistance * az
     # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
-    force[base] += ry * fz - rz * y + resistance * motion.axle[0] + mx * along
-    force[base + 1] += rz * x - rx * fz + resistance * motion.axle[1] + mx * minus_across
-    force[base + 2] += rx * y - ry * x + mz + resistance * motion.axle[2]
+    force[base] += ry * fz - rz * y + mx
+    force[base + 1] += rz * x - rx * fz + my
+    force[base + 2] += rx * y - ry * x + mz
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += fz
     # Fx has the lever Re about the axle, not the height of the axle; see the head of the module.
-    force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx + resistance
+    force[wheel.spin] += about - motion.rolling * fx
     kx, ky, kz = motion.up
+    steering = kx * mx + ky * my + kz * mz
     if 0 <= wheel.steering[1] < len(force):  # an actuator that prescribes an angle bears the moment
         ex, ey, ez = motion.arm_pivot
-        force[wheel.steering[1]] += (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x + mz)
-        force[wheel.steering[1]] += (kx * along + ky * minus_across) * mx
+        force[wheel.steering[1]] += (
+            (ky * x - kx * y) * ez + (kx * ey - ky * ex) * fz + kz * (ex * y - ey * x) + steering
+        )
     if wheel.suspension[0] >= 0:
-        # The wheel travels along its path; brake and aligning moment turn the wheel carrier with the travel.
+        # The wheel travels along its path; the moments turn the wheel carrier with the travel.
         dx, dy, dz = motion.path
-        force[wheel.suspension[1]] += dx * x + dy * y + dz * fz + motion.braked * brake + motion.toe * kz * mz
-        force[wheel.suspension[1]] += motion.lean * mx
+        leaning = lean_moment(motion.axle, motion.up, mx, my, mz)
+        force[wheel.suspension[1]] += dx * x + dy * y + dz * fz
+        force[wheel.suspension[1]] += motion.braked * brake + motion.toe * steering + motion.lean * leaning
 
 
-STEP_PARTS = (*ARM_PARTS, base_motion, wheel_pose, wheel_motion, add_road_force)
+def lean_moment(
+    axle: tuple[float, float, float], up: tuple[float, float, float], mx: float, my: float, mz: float
+) -> float:
+    """Return the part of a moment about the x axis of a wheel, axle × steering axis, about which camber turns it."""
+    (ax, ay, az), (kx, ky, kz) = axle, up
+    x, y, z = ay * kz - az * ky, az * kx - ax * kz, ax * ky - ay * kx
+    return (x * mx + y * my + z * mz) / sqrt(x * x + y * y + z * z)
+
+
+STEP_PARTS = (*ARM_PARTS, base_motion, wheel_pose, wheel_motion, lean_moment, add_road_force)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""
