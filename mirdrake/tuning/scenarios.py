@@ -2,16 +2,22 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.registry import LOOP_KINDS
-from mirdrake.tuning.loops.slip import fault_on_own_slopes, run_slip
+from mirdrake.tuning.loops.slip import UNSTABLE, reaction_on_own_slopes, run_with_reaction
 from mirdrake.tuning.spec import TuningSpec
 from mirdrake.tuning.trials import make_trial
 
 SCREEN = 6
 """Draws with the longest delay, and draws with the least friction, that are tested before all others."""
+
+SLIP = "slip_reaction"
+"""Figure: largest :func:`mirdrake.tuning.loops.slip.slip_reaction` of gains."""
+
+MOST_SLIP = 1.0
+"""Limit of it [1]."""
 
 Ranges = dict[str, tuple[float, float]]
 """Lower and upper end by name of a condition."""
@@ -48,9 +54,10 @@ class InScenarios:
 
 @dataclass(frozen=True)
 class InSlip:
-    """Tests gains that pass tests on the slip model; others are unstable. Can be pickled.
+    """Tests gains, and adds the reaction of their controllers to wheels that slide as the figure :data:`SLIP`.
 
-    The slip model (:mod:`mirdrake.tuning.loops.slip`) takes a hundredth of the time of the plant.
+    Can be pickled. The slip model (:mod:`mirdrake.tuning.loops.slip`) takes a hundredth of the time of the plant, which
+    does not test gains that break the limit. As a figure the reaction shows a search in which direction it decreases.
 
     Attributes:
         evaluate: tests gains.
@@ -69,14 +76,16 @@ class InSlip:
     ) -> Evaluation:
         """Test gains; every failure is an evaluation."""
         # Other conditions are tests of the same gains.
-        if conditions == NOMINAL:
-            if reason := fault_on_own_slopes(self.slopes, gains):
-                return Evaluation("unstable", reason=f"own slopes of the vehicle: {reason}")
-            for scenario in self.scenarios:
-                result = run_slip(self.loop, gains, scenario, keep=False)
-                if result.status != "ok":
-                    return Evaluation("unstable", reason=f"{describe(scenario)}: {result.reason}")
-        return self.evaluate(gains, conditions, fidelity)
+        if conditions != NOMINAL:
+            return self.evaluate(gains, conditions, fidelity)
+        reaction = reaction_on_own_slopes(self.slopes, gains)
+        for scenario in self.scenarios:
+            # With little friction wheels may have to slide, so that only those that keep sliding are a fault.
+            result, found = run_with_reaction(self.loop, gains, scenario)
+            if result.status != "ok":
+                reaction = max(reaction, found, UNSTABLE)
+        result = self.evaluate(gains, conditions, fidelity if reaction <= MOST_SLIP else "reduced")
+        return replace(result, figures={**result.figures, SLIP: reaction}) if result.status == "ok" else result
 
 
 def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:

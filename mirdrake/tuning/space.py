@@ -14,6 +14,9 @@ from mirdrake.tuning.trials import Trial
 
 Gains = dict[str, float]
 
+NEAR, NEAR_LINEAR = 1.25, 0.05
+"""Margin of a search around the best trials: factor of a logarithmic range, share of a linear one [1]."""
+
 
 def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_sensitivity: float) -> Space:
     """Return the range of each gain: that of the study or of the kind of loop, or one around those of the rules.
@@ -61,16 +64,18 @@ def inside(space: Space, gains: Iterable[Gains]) -> list[Gains]:
 
 
 def space_around(space: Space, leaders: Sequence[Trial]) -> Space:
-    """Return the part of the space around the best trials."""
+    """Return the part of the space around the best trials: beyond them by as much as they differ, and a margin."""
     near: Space = {}
     for gain, entry in space.items() if leaders else ():
         values = [trial.gains[gain] for trial in leaders]
+        low, high = min(values), max(values)
         if entry.scale == "log":
             # Relative width on a logarithmic range, absolute width on a linear one.
-            low, high = min(values) / 2.0, max(values) * 1.5
+            factor = NEAR * high / low
+            low, high = low / factor, high * factor
         else:
-            width = 0.25 * (entry.high - entry.low)
-            low, high = min(values) - width, max(values) + width
+            width = high - low + NEAR_LINEAR * (entry.high - entry.low)
+            low, high = low - width, high + width
         near[gain] = Range(max(low, entry.low), min(high, entry.high), entry.scale)
     return near or space
 

@@ -24,7 +24,7 @@ from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.loops.slip import direct, fault_on_own_slopes, run_slip
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
-from mirdrake.tuning.scenarios import InScenarios, InSlip, Ranges, drawn_ranges, hardest
+from mirdrake.tuning.scenarios import MOST_SLIP, SLIP, InScenarios, InSlip, Ranges, drawn_ranges, hardest
 from mirdrake.tuning.screening import COST, SAMPLE, WORST, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
@@ -40,6 +40,9 @@ BATCH = 4
 
 TRIALS: Mapping[Fidelity, int] = {"reduced": 300, "plant": 100}
 """Default number of trials of the first search."""
+
+NEAR = 4
+"""Trials of the first search over those of the one around its best trials."""
 
 RESERVE = 1.5
 """Required delay margin, relative to the largest increase of the delay in the Monte Carlo."""
@@ -225,6 +228,7 @@ class Stages:
         # The number of trials for the cheap model, or for the plant where it is the first stage; fewer for the others.
         trials = spec.search.trials or TRIALS[fidelity]
         count = trials if reduced or stage == "search" else spec.search.confirm
+        count = count // NEAR if stage == "search-near" else count
         # The method of the study is for the first search; on the plant trials are few and start from known gains.
         method = spec.search.method if reduced else "tpe"
         constraints = self.model_constraints
@@ -238,8 +242,11 @@ class Stages:
             # Constraints first, then scenarios: an infeasible trial needs no further tests.
             evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
         # Wheels that would keep slipping show on a model that takes a hundredth of the time of the plant.
-        if loop is None and self._slips_on is not None:
-            evaluate = InSlip(evaluate, self._slips_on, self.loop, tuple(scenarios))
+        if self._slips_on is not None:
+            evaluate, constraints = (
+                InSlip(evaluate, self._slips_on, self.loop, tuple(scenarios)),
+                constraints | {SLIP: MOST_SLIP},
+            )
         outcome = search(
             evaluate,
             {name: entry.parameter() for name, entry in space.items()},

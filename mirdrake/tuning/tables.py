@@ -10,6 +10,7 @@ from mirdrake.tuning.loops.base import Conditions, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import loops_of, plant_bench
 from mirdrake.tuning.loops.reduced import critical_loop
 from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.scenarios import MOST_SLIP, SLIP
 from mirdrake.tuning.spec import AT_LEAST, MARGINS
 from mirdrake.tuning.stages import Candidate
 from mirdrake.tuning.trials import Trials
@@ -27,14 +28,16 @@ def trials_table(
 ) -> pd.DataFrame:
     """Return the trials of the search and of the searches on the plant, numbered in sequence, with their fidelity.
 
-    Trials of the latter that break the limit of a margin were evaluated on the reduced model: see
-    :class:`mirdrake.tuning.loops.evaluate.LoopEvaluator`.
+    Trials of the latter that break the limit of a margin, or that of sliding wheels, were evaluated on the reduced
+    model: see :class:`mirdrake.tuning.loops.evaluate.LoopEvaluator` and :class:`mirdrake.tuning.scenarios.InSlip`.
     """
     parts = [coarse.table.assign(fidelity=coarse_on)]
     for trials in fine:
         table = trials.table
         # Trials whose margins break a limit were tested on the reduced model only.
         broken = np.zeros(len(table), dtype=bool)
+        if SLIP in table:
+            broken |= table[SLIP].to_numpy(dtype=float) > MOST_SLIP
         for name in MARGINS:
             if name in limits and name in table:
                 value = table[name].to_numpy(dtype=float)

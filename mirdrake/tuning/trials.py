@@ -7,7 +7,7 @@ not finite is never the best; the sampler gets a finite violation instead, the l
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -121,6 +121,13 @@ class Trials:
     method: str = ""
     seed: int = 0
     complete: bool = True
+
+    def extended(self, other: "Trials") -> "Trials":
+        """Return the trials with those of a further search, numbered in sequence."""
+        first = len(self.trials)
+        return replace(
+            self, trials=self.trials + tuple(replace(one, number=first + one.number) for one in other.trials)
+        )
 
     @property
     def best(self) -> Trial | None:

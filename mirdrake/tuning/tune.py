@@ -360,15 +360,22 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     # Draws that rules have failed: the slip model can test them in a search on the reduced model.
     hard = choice.known.hard if stages.first_fidelity == "reduced" else ()
     coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search", scenarios=hard)
+    # The optimum is usually at limits, where few trials of a wide search are.
+    if stages.first_fidelity == "reduced" and stages.spec.search.method == "tpe":
+        near = space_around(space, coarse.leaders)
+        starts = inside(near, _gains(coarse.leaders))
+        coarse = coarse.extended(stages.search(near, "reduced", starts, "search-near", scenarios=hard))
 
     # Second stage: on the plant, in the part of the space around the best trials of the first.
-    near = space_around(space, coarse.leaders)
-    starts = inside(near, [*_gains(coarse.leaders), *known_gains])
+    part = space_around(space, coarse.leaders)
     fine: list[Trials] = []
     best, known, loop = None, choice.known, None
+    # Candidates that have been rejected are not tested once more.
+    passed = [one.design.gains for one in tried[1:] if one.trial.feasible and _may_pass(known, one)]
+    starts = inside(part, [*_gains(coarse.leaders), *passed])
     for count in range(ROUNDS):
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
-        fine.append(stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard))
+        fine.append(stages.search(part, "plant", starts, stage, loop=loop, scenarios=known.hard))
         best, known = choose_best(stages, known, tried, fine)
         # Nothing meets the constraints: another round would search around the same trials.
         if best is None:
@@ -386,12 +393,17 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
             around = [candidate.trial for candidate in (best, choice.rule) if candidate is not None]
         if known.lost_at_finer_step:
             loop = at_finer_step(stages.loop)
-        near = space_around(space, around)
-        starts = inside(near, _gains(around))
+        part = space_around(space, around)
+        starts = inside(part, _gains(around))
     # The Monte Carlo may still prefer the rule.
     if best is not None:
         best = better_in_runs(stages, known, best, choice.rule)
     return SearchOutcome(space, coarse, tuple(fine), best, known)
+
+
+def _may_pass(known: Knowledge, candidate: Candidate) -> bool:
+    """Return whether a candidate has not been rejected by a check so far."""
+    return candidate.name not in known.verified or known.verified[candidate.name].is_robust
 
 
 def _gains(trials: Sequence[Trial]) -> list[dict[str, float]]:

@@ -199,14 +199,14 @@ def deflection_rates(
     limit_x = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
     limit_y = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
-    decay_x = speed / contact.length_x + _sliding(state.along, -motion.slip_x, limit_x, weight)
+    decay_x = speed / contact.length_x + sliding_rate(state.along, -motion.slip_x, limit_x, weight)
     share = _share_of_spring(motion, contact, settings)
     across = share * motion.vy
-    decay_y = share * speed / contact.length_y + _sliding(state.across, across, limit_y, weight)
+    decay_y = share * speed / contact.length_y + sliding_rate(state.across, across, limit_y, weight)
     return -motion.slip_x - decay_x * state.along, across - decay_y * state.across
 
 
-def _sliding(deflection: float, velocity: float, limit: float, weight: float) -> float:
+def sliding_rate(deflection: float, velocity: float, limit: float, weight: float) -> float:
     """Return the decay w f(n) |V| / |u| [1/s] of a motion that increases the deflection, else 0."""
     if weight == 0.0 or deflection * velocity <= 0.0:
         return 0.0
@@ -246,8 +246,8 @@ def relaxation_step(
     parts = min(_MAX_PARTS, 1 + int(abs(velocity) * period / (_MAX_SLIDING * max(limit, _SMALL))))
     period /= parts
     for _ in range(parts):
-        ahead = _advance(deflection, velocity, decay + _sliding(deflection, velocity, limit, weight), 0.5 * period)
-        deflection = _advance(deflection, velocity, decay + _sliding(ahead, velocity, limit, weight), period)
+        ahead = _advance(deflection, velocity, decay + sliding_rate(deflection, velocity, limit, weight), 0.5 * period)
+        deflection = _advance(deflection, velocity, decay + sliding_rate(ahead, velocity, limit, weight), period)
     return deflection + ramp
 
 
@@ -273,7 +273,7 @@ STEP_PARTS = (
     _share_of_spring,
     deflect_along,
     deflect_across,
-    _sliding,
+    sliding_rate,
     relaxation_step,
     _advance,
     _response_to_ramp,

@@ -37,11 +37,16 @@ With less, wheels of the plant oscillated, in the test or in other drives. With 
 may be too high for a rolling wheel on the slip stiffness of its tyre, before it slides.
 """
 
-STEP = 2e-3
+UNSTABLE = 10.0
+"""Reaction of wheels that do not return to rolling, at least [1]."""
+
+STEP = 1e-3
 """Longest step of the model [s]."""
 
 NODES = 101
 """Slips at which the force of a tyre is stored."""
+
+_LIMIT = 1.5  # limit of a deflection at standstill over that of linear slip stiffness, as in mirdrake.tyres.relaxation
 
 
 def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float]:
@@ -110,11 +115,30 @@ def direct(spec: LoopSpec) -> Conditions:
 
 def fault_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> str:
     """Return why gains do not follow the vehicle's own slopes on the slip model, with reserves of friction; or ""."""
-    nominal = run_slip(slopes, gains, friction=1.0 - RESERVE, keep=False)
-    if nominal.status != "ok":
-        return nominal.reason
-    found = run_slip(slopes, gains, direct(slopes), friction=1.0 - DIRECT_RESERVE, keep=False)
-    return f"without dead time: {found.reason}" if found.status != "ok" else ""
+    for conditions, friction, where in _own_slopes(slopes):
+        result, reaction = run_with_reaction(slopes, gains, conditions, friction=friction)
+        if result.status != "ok":
+            return f"{where}{result.reason}"
+        if reaction > 1.0:
+            return f"{where}a driven wheel slides, and the controller reacts with {reaction:.3g} times its friction"
+    return ""
+
+
+def reaction_on_own_slopes(slopes: LoopSpec, gains: Mapping[str, float]) -> float:
+    """Return the largest :func:`slip_reaction` on the vehicle's own slopes, with reserves of friction [1].
+
+    It is above 1 if the gains do not follow them.
+    """
+    largest = 0.0
+    for conditions, friction, _ in _own_slopes(slopes):
+        result, reaction = run_with_reaction(slopes, gains, conditions, friction=friction)
+        largest = max(largest, reaction if result.status == "ok" else max(reaction, UNSTABLE))
+    return largest
+
+
+def _own_slopes(slopes: LoopSpec) -> tuple[tuple[Conditions, float, str], ...]:
+    """Return the tests on the own slopes: conditions, factor on the friction, and what to write before a fault."""
+    return (NOMINAL, 1.0 - RESERVE, ""), (direct(slopes), 1.0 - DIRECT_RESERVE, "without dead time: ")
 
 
 def run_slip(
@@ -139,30 +163,82 @@ def run_slip(
     Raises:
         ConfigError: the loop has no slip model, or a gain is not valid.
     """
+    return _run(spec, gains, conditions, friction=friction, slip=slip, keep=keep)[0]
+
+
+def run_with_reaction(
+    spec: LoopSpec, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, friction: float = 1.0
+) -> tuple[Evaluation, float]:
+    """Return the evaluation of a test, without response, and the :func:`slip_reaction` of its wheels."""
+    result, slides = _run(spec, gains, conditions, friction=friction, slip=0.0, keep=False)
+    return result, slip_reaction(spec, gains, slides, friction=friction * _road(spec, conditions))
+
+
+def slip_reaction(spec: LoopSpec, gains: Mapping[str, float], slides: Floats, *, friction: float) -> float:
+    """Return the torque with which the controller of a sliding wheel reacts, over that of the friction [1].
+
+    A wheel that slides by s gets the torque kp s / h a dead time later, and kd / (Tf + T) s / h from the derivative of
+    a controller with the filter Tf and the period T. If this is below the friction μ N h, the torque does not reverse,
+    and the wheel returns to rolling. With a larger one it slides back, and so on: see the head of the module.
+
+    Args:
+        spec: the loop.
+        gains: by name.
+        slides: sliding velocity of the wheels of each axle, shape (a, k) [m/s].
+        friction: of the road [1].
+    """
+    model, period = model_of(spec)
+    assert model.slip is not None
+    pid = pid_of(spec, gains)
+    gain = pid.kp + pid.kd / (pid.filter_time + period)
+    peaks = [
+        float(curve.max()) * axle.load
+        for curve, axle in zip(_curves(model.slip, friction), model.slip.axles, strict=True)
+    ]
+    return float(np.max(gain * slides.max(axis=1) / (np.array(peaks) * model.slip.radius**2)))
+
+
+def _road(spec: LoopSpec, conditions: Conditions) -> float:
+    """Return the friction of the road in a test [1]."""
     model, _ = model_of(spec)
     if model.slip is None:
         raise ConfigError("the loop has no slip model")
-    test, pid = reduced_test(spec, conditions), pid_of(spec, gains)
-    road = friction * (model.slip.friction if conditions.friction is None else conditions.friction)
+    return model.slip.friction if conditions.friction is None else conditions.friction
+
+
+def _run(
+    spec: LoopSpec,
+    gains: Mapping[str, float],
+    conditions: Conditions,
+    *,
+    friction: float,
+    slip: float,
+    keep: bool,
+) -> tuple[Evaluation, Floats]:
+    """Run a test; return the evaluation, and the sliding velocity of the wheels of each axle in each period [m/s]."""
+    (model, _), road = model_of(spec), friction * _road(spec, conditions)
+    assert model.slip is not None
+    test, pid, curves = reduced_test(spec, conditions), pid_of(spec, gains), _curves(model.slip, road)
     rows = np.array(
         [
             (
                 axle.wheels, axle.inertia * conditions.mass, axle.load * conditions.mass,
                 axle.transfer * conditions.mass, axle.stiffness, axle.length, axle.damping, axle.low_damping,
+                _LIMIT * float(curve.max()) / axle.stiffness, _peak_slip(curve),
             )
-            for axle in model.slip.axles
+            for axle, curve in zip(model.slip.axles, curves, strict=True)
         ]
     )  # fmt: skip
     output, effort = np.zeros(len(test.t)), np.zeros(len(test.t))
-    slips = np.zeros((len(rows), len(test.t)))
+    slips, slides = np.zeros((len(rows), len(test.t))), np.zeros((len(rows), len(test.t)))
     compiled(simulate_slip, parts=SLIP_PARTS)(
-        records(SlipNumbers, [_numbers(spec, pid, test.limits, conditions, road, slip)]),
-        rows, _curves(model.slip, road), test.wanted, test.feedforward, test.loads, test.resistances, test.noise,
-        output, effort, slips,
+        records(SlipNumbers, [_numbers(spec, pid, test.limits, conditions, slip)]),
+        rows, curves, test.wanted, test.feedforward, test.loads, test.resistances, test.noise,
+        output, effort, slips, slides,
     )  # fmt: skip
     per = model.scale * model.slip.radius  # m/s per output
     others = {f"the slip of the wheels of driven axle {k + 1}": row / per for k, row in enumerate(slips)}
-    return judge_test(spec, test, gains, conditions, output, effort, keep=keep, others=others)
+    return judge_test(spec, test, gains, conditions, output, effort, keep=keep, others=others), slides
 
 
 def _curves(model: SlipModel, road: float) -> Floats:
@@ -176,16 +252,18 @@ def _curves(model: SlipModel, road: float) -> Floats:
     return np.array([ratio * np.interp(slips / ratio, slips, axle.curve) for axle in model.axles])
 
 
-def _numbers(
-    spec: LoopSpec, pid: PidGains, limits: PidLimits, conditions: Conditions, road: float, slip: float
-) -> SlipNumbers:
+def _peak_slip(curve: Floats) -> float:
+    """Return the slip of the largest force of a curve, to which a force within a thousandth counts [1]."""
+    return float((np.argmax(curve > 0.999 * curve.max()) / (NODES - 1)) ** 2)
+
+
+def _numbers(spec: LoopSpec, pid: PidGains, limits: PidLimits, conditions: Conditions, slip: float) -> SlipNumbers:
     model, period = model_of(spec)
     assert model.slip is not None
     outer = model.outer or OuterLoop(0.0, 0.0, 0.0)
     # Delay of the actuator, and the mean wait for it.
     delay = (spec.delay if conditions.delay is None else conditions.delay) + WAIT * period
     whole = math.floor(delay / period + 1e-9)
-    stiffness = max(axle.stiffness for axle in model.slip.axles)
     return SlipNumbers(
         period=period,
         steps=math.ceil(period / STEP - 1e-9),
@@ -201,8 +279,6 @@ def _numbers(
         frequency=model.slip.frequency,
         damping=model.slip.damping,
         low=model.slip.low,
-        # Just below the peak of the force, as in mirdrake.tyres.relaxation.
-        limit=1.5 * road / stiffness,
         slip=slip,
         pid=pid.numbers(),
         limits=limits,

@@ -4,8 +4,9 @@ With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v an
 
     J ω' = T - h F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
 
-Deflection u, relaxation length σ, slip stiffness C and damping k are those of :mod:`mirdrake.tyres.relaxation`. The
-load follows the acceleration as the vehicle pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'.
+Deflection u, relaxation length σ, slip stiffness C, damping k and the sliding of the patch at low speed, which adds to
+the decay |v| / σ, are those of :mod:`mirdrake.tyres.relaxation`. The load follows the acceleration as the vehicle
+pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'.
 
 A wheel oscillates on its tyre with up to 50 Hz, and a sampled controller may excite that, so that a step must neither
 damp it nor be unstable on the stiffest tyre: slip and deflection have the two implicit stages of the method with
@@ -21,7 +22,7 @@ import numpy as np
 from mirdrake.core.compiled import Records
 from mirdrake.core.pid import PidLimits, PidNumbers, PidState, pid_step
 from mirdrake.tuning.models import Floats
-from mirdrake.tyres.relaxation import low_speed_weight
+from mirdrake.tyres.relaxation import low_speed_weight, sliding_rate
 
 _START = PidState()
 _SMALL = 1e-9
@@ -30,7 +31,7 @@ _GAMMA = 1.0 - 0.5 * sqrt(2.0)  # length of a stage over that of a step
 ITERATIONS = 3
 """Iterations of the force of a tyre in a stage."""
 
-AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping", "low_damping")
+AXLE = ("wheels", "inertia", "load", "transfer", "stiffness", "length", "damping", "low_damping", "limit", "peak")
 """Columns of the table of driven axles of :func:`simulate_slip`."""
 
 
@@ -51,8 +52,7 @@ class SlipNumbers(NamedTuple):
         gravity: gravity along the road [m/s²].
         frequency: natural frequency of pitch [rad/s].
         damping: damping ratio of pitch [1].
-        low: speed below which a tyre has its damping of low speeds, and a limit of its deflection [m/s].
-        limit: of the slip of a deflection at standstill [1].
+        low: speed below which a tyre has its damping of low speeds, and its patch slides [m/s].
         slip: slip velocity at the start [m/s].
         pid: gains of the loop of a wheel.
         limits: of its control.
@@ -74,7 +74,6 @@ class SlipNumbers(NamedTuple):
     frequency: float
     damping: float
     low: float
-    limit: float
     slip: float
     pid: PidNumbers
     limits: PidLimits
@@ -109,12 +108,15 @@ def simulate_slip(
     outputs: Floats,
     efforts: Floats,
     slips: Floats,
+    slides: Floats,
 ) -> None:
     """Simulate a test.
 
     Args:
         numbers: one record of :class:`SlipNumbers`.
-        axles: a row per driven axle with the columns :data:`AXLE`, shape (a, 8); stiffness and damping over the load.
+        axles: a row per driven axle with the columns :data:`AXLE`, shape (a, 10): those of
+            :class:`mirdrake.tuning.loops.base.DrivenAxle`, the largest slip of a deflection at standstill, and the slip
+            of the largest force.
         curves: see :func:`force_over_load`, shape (a, n).
         wanted: set-point of each period, less the start, times scale, shape (k).
         feedforward: control that is added, shape (k) [u].
@@ -124,6 +126,8 @@ def simulate_slip(
         outputs: overwritten, shape (k) [y].
         efforts: overwritten with the control of the first axle, shape (k) [u].
         slips: overwritten with the slip velocity of the wheels of each axle, shape (a, k) [m/s].
+        slides: overwritten with the largest slip velocity of each axle in each period beyond that of the largest force,
+            which a rolling wheel has as well, shape (a, k) [m/s].
     """
     n, count = numbers[0], len(axles)
     step = n.period / n.steps
@@ -165,6 +169,7 @@ def simulate_slip(
             controls[i, n.whole + 1] = control
         efforts[k] = controls[0, n.whole + 1]
 
+        slides[:, k] = 0.0
         for part in range(n.steps):
             # The older control acts for the rest of the dead time that is not a whole period.
             old = (part + 0.5) * step < n.part
@@ -172,32 +177,33 @@ def simulate_slip(
             total = push
             for i in range(count):
                 total += axles[i, 0] * force[i]
-            sliding = low_speed_weight(speed, n.low)
+            weight = low_speed_weight(speed, n.low)
             for i in range(count):
                 share, inertia, stiffness, length = axles[i, 0], axles[i, 1], axles[i, 4], axles[i, 5]
                 torque = (controls[i, 0] if old else controls[i, 1]) + loads[k]
                 pressed = max(load[i], 0.0)
-                damped = (axles[i, 6] + axles[i, 7] * sliding) / stiffness
+                damped = (axles[i, 6] + axles[i, 7] * weight) / stiffness
                 mobility = n.radius * n.radius / inertia + share / n.mass
                 # Change of the slip without the axle's own tyres; the other axles have their forces of the last step.
                 change = n.radius * torque / inertia - (total - share * force[i]) / n.mass
                 slip_now, along_now = slip[i], along[i]
                 kappa = along_now / length + damped * slip_now
-                span = _GAMMA * step
-                fade = 1.0 + span * abs(speed) / length
-                gain = span / (length * fade) + damped
+                span, limit = _GAMMA * step, axles[i, 8] * length
                 mean = 0.0
                 for stage in range(2):
-                    held, free = along_now / (length * fade), slip_now + span * change
-                    following, secant = slip_now, 0.0
+                    free = slip_now + span * change
+                    following, deflected, secant = slip_now, along_now, 0.0
                     for _ in range(ITERATIONS):
+                        decay = abs(speed) / length + sliding_rate(deflected, following, limit, weight)
+                        fade = 1.0 + span * decay
+                        held, gain = along_now / (length * fade), span / (length * fade) + damped
                         secant = pressed * stiffness
                         if abs(kappa) > _SMALL:
                             secant = pressed * force_over_load(curves[i], kappa) / kappa
                         following = (free - span * mobility * secant * held) / (1.0 + span * mobility * secant * gain)
+                        deflected = (along_now + span * following) / fade
                         kappa = held + gain * following
                     pulled = secant * kappa
-                    deflected = (along_now + span * following) / fade
                     if stage == 0:
                         mean = (1.0 - _GAMMA) * pulled
                         further = (1.0 - _GAMMA) / _GAMMA
@@ -208,10 +214,9 @@ def simulate_slip(
                     else:
                         force[i] = mean + _GAMMA * pulled
                         slip[i] = following
-                        # A wheel that spins at standstill must not deflect its tyre without limit.
-                        most = length * (sliding * n.limit + (1.0 - sliding) * max(n.limit, 1.0))
-                        along[i] = min(max(deflected, -most), most)
+                        along[i] = min(max(deflected, -length), length)  # a locked wheel has the slip 1
                 push += share * force[i]
+                slides[i, k] = max(slides[i, k], abs(slip[i]) - axles[i, 9] * abs(speed))
             acceleration = push / n.mass
             speed += step * acceleration
             for i in range(count):
@@ -220,5 +225,5 @@ def simulate_slip(
                 load[i] += step * rate[i]
 
 
-SLIP_PARTS = (pid_step, force_over_load, low_speed_weight)
+SLIP_PARTS = (pid_step, force_over_load, low_speed_weight, sliding_rate)
 """Functions that :func:`simulate_slip` calls."""
