@@ -50,16 +50,16 @@ def test_true_margins_are_claimed_in_full() -> None:
 def short_test(gains: Mapping[str, float], added: float, limits: PidLimits = NO_LIMITS) -> Evaluation:
     """Return the evaluation of a test that is too short for an oscillation near the margin to decay."""
     response = simulate_loop(
-        LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(400), limits=limits
+        LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(600), limits=limits
     )
-    course = Course(step=1.0, step_time=0.0, load=0.0, load_time=4.0, duration=4.0)
+    course = Course(step=1.0, step_time=0.0, load=0.0, load_time=6.0, duration=6.0)
     rows = response.time, response.reference, response.measurement, response.control
     return judge(*rows, course=course, limits=limits)
 
 
 @pytest.mark.parametrize("kp", [5.0, 7.0])
 def test_an_oscillation_that_decays_slowly_is_within_the_margin(kp: float) -> None:
-    """At the end of a short test it is larger than a nominal test allows."""
+    """At the end of a short test it is still large."""
     gains = GAINS | {"kp": kp}
     exact = find_margins(plant(), PidGains(**gains), period=PERIOD)
 
@@ -69,7 +69,7 @@ def test_an_oscillation_that_decays_slowly_is_within_the_margin(kp: float) -> No
         return short_test(gains, 0.0 if conditions.delay is None else conditions.delay - DEAD_TIME)
 
     close = short_test(gains, 0.95 * exact.delay_margin)
-    assert close.status == "unstable"
+    assert close.status == "ok"
     assert close.decays
     figures = {"gain_margin": exact.gain_margin, "delay_margin_s": exact.delay_margin}
     for check in confirm_margins(drive_shortly, gains, figures, delay=DEAD_TIME, step=1.0):

@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.pid import PidLimits
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.tuning.check import check_study
 from mirdrake.tuning.frequency_response import measure_frequency_response
@@ -130,6 +131,36 @@ def test_a_sustained_oscillation_is_unstable_and_a_decaying_one_is_not() -> None
     assert judge(t, ones, ones, ones, course=course(), others={"a wheel": np.sin(5.0 * t)}).reason.startswith(
         "a wheel oscillates"
     )
+
+
+@pytest.mark.parametrize("periods", [1.1, 1.6, 2.3, 3.5, 8.0, 20.0])
+def test_no_phase_of_a_sustained_oscillation_is_a_decay(periods: float) -> None:
+    """The bound 1 - 3 / (ω L)² is close: an oscillation that decays a little more than twice that is a decay."""
+    t = np.arange(0.0, 10.0, 0.002)
+    omega = 2.0 * np.pi * periods / 2.5  # periods in a quarter of the time
+    rate = -math.log(1.0 - 6.0 / (2.5 * omega) ** 2) / 2.5
+    for phase in np.linspace(0.0, 2.0 * np.pi, 24):
+        stays, dies = np.sin(omega * t + phase), np.exp(-rate * t) * np.sin(omega * t + phase)
+        assert not judge(t, stays, np.zeros_like(t), np.zeros_like(t), course=course()).decays
+        assert judge(t, 3.0 * dies, np.zeros_like(t), np.zeros_like(t), course=course()).decays
+
+
+def test_a_load_does_not_hide_a_sustained_oscillation() -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    ones = np.ones_like(t)
+    error = 0.2 * np.sin(12.0 * t) + np.where(t > 6.0, np.exp(-3.0 * (t - 6.0)), 0.0)
+    with_load = replace(course(), load=1.0)
+    assert judge(t, ones, ones - error, ones, course=with_load).status == "unstable"
+    dies = np.where(t > 6.0, np.exp(-0.3 * (t - 6.0)) * np.sin(12.0 * (t - 6.0)), 0.0)
+    assert judge(t, ones, ones - dies, ones, course=with_load).status == "ok"
+
+
+def test_an_oscillation_at_a_limit_of_the_effort_is_sustained() -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    ones, error = np.ones_like(t), np.exp(-0.1 * t) * np.sin(12.0 * t)
+    limits = PidLimits(-1.0, 1.0)
+    assert judge(t, ones, ones - error, 0.9 * np.sign(error), course=course(), limits=limits).status == "ok"
+    assert judge(t, ones, ones - error, np.sign(error), course=course(), limits=limits).status == "unstable"
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,8 @@ DIVERGED = 10.0
 LEAST_SAMPLES = 20
 """A loop is unstable if its record has fewer samples."""
 
-DECAY = 0.6
-"""An oscillation decays if its RMS in the last quarter of the test is below this fraction of that in the third."""
-
-SUSTAINED = 0.98
-"""An oscillation is sustained if the envelope of the last quarter is above this fraction of that of the third."""
+LEAST_PERIODS = 1.0
+"""Periods of an oscillation in each of two parts of the time, from which its decay can be seen."""
 
 FOLLOWED = 0.05
 """A loop follows slopes if its mean error at the end of a constant set-point is at most this fraction of the step."""
@@ -51,8 +48,8 @@ def judge(
     Costs are taken from the step to the end; overshoot, rise and settling from the step to the load, the steady error
     over the last tenth before the load. The loop is unstable if a number is not finite, if the error exceeds ten steps,
     if the record has fewer than :data:`LEAST_SAMPLES` samples, or if its oscillation about a straight line in the last
-    quarter of the time has an RMS above :data:`OSCILLATION` of the step, apart from noise, and does not decay. The same
-    holds for `others`: the speed of a car is smooth even if its wheels slip in turns.
+    quarter of the time has an RMS above :data:`OSCILLATION` of the step, apart from noise, and does not decay: see
+    :func:`_decays`. The same holds for `others`: the speed of a car is smooth even if its wheels slip in turns.
 
     If the set-point returns, the oscillation is also judged from the step to the return, and from there to the end,
     and the loop is unstable if it does not follow: see :data:`FOLLOWED`.
@@ -83,23 +80,29 @@ def judge(
     if len(t) < LEAST_SAMPLES:
         return Evaluation("unstable", response=response, reason=f"the run ended after {len(t)} samples")
 
-    # Oscillation in the last quarter of the time, compared with the quarter before.
-    span = t[-1] - t[0]
-    # Quarters of the whole test: an oscillation at the limit of stability has not decayed in the last one.
-    last, before = t >= t[-1] - 0.25 * span, (t >= t[-1] - 0.5 * span) & (t < t[-1] - 0.25 * span)
-    bound = OSCILLATION * step + 2.0 * noise
-    oscillations = []
-    for name, signal in {"": error, **others}.items():
-        early, late = _oscillation(t[before], signal[before]), _oscillation(t[last], signal[last])
-        # Large and not decaying, or so large that its decay does not matter.
-        if late > bound and (late > DECAY * early or late > 5.0 * bound):
-            oscillations.append((late, name))
-    # The transient of a load, or of the return of the set-point, decays as well: it hides a sustained oscillation. So
-    # does an oscillation that shrinks to the size that a limit of the effort sustains.
-    half = t >= t[-1] - 0.5 * span
-    steady = course.return_time is None and (course.load == 0.0 or course.load_time <= t[0] + 0.5 * span)
-    limited = (effort[half] >= limits.maximum) | (effort[half] <= limits.minimum)
-    decays = steady and not limited.any() and all(_decays(t, signal) for signal in (error, *others.values()))
+    # Oscillation in the last half of the time, or after the load or the return of the set-point if that is later.
+    middle, end = t[0] + 0.5 * (t[-1] - t[0]), t[-1]
+    changes = [course.load_time] if course.load else []
+    changes += [] if course.return_time is None else [course.return_time]
+    begin = max([middle, *changes])
+    later = 0.5 * (begin + end)
+    at_limit = (effort >= limits.maximum) | (effort <= limits.minimum)
+    # The transient of a change decays, and hides a sustained oscillation; an oscillation at a limit of the effort
+    # shrinks to the size that the limit sustains. Then the later half has to decay as well, without limit.
+    sustained = bool(at_limit[t >= later].any())
+    begins = (begin, later) if begin > middle or at_limit[t >= begin].any() else (begin,)
+
+    def dies(signal: Floats) -> bool:
+        return not sustained and all(_decays(t[t >= start], signal[t >= start]) for start in begins)
+
+    last, bound = t >= t[-1] - 0.25 * (t[-1] - t[0]), OSCILLATION * step + 2.0 * noise
+    sizes = {name: _oscillation(t[last], signal[last]) for name, signal in {"": error, **others}.items()}
+    oscillations = [
+        (sizes[name], name)
+        for name, signal in {"": error, **others}.items()
+        if sizes[name] > bound and not dies(signal)
+    ]
+    decays = len(begins) == 1 and all(dies(signal) for signal in (error, *others.values()))
     if oscillations:
         # Report the largest of them.
         size, name = max(oscillations)
@@ -151,18 +154,23 @@ def _oscillation(t: Floats, signal: Floats) -> float:
 
 
 def _decays(t: Floats, signal: Floats) -> bool:
-    """Return whether the envelope of an oscillation is smaller in the last quarter of the time than in the third.
+    """Return whether the envelope of an oscillation is smaller in the second half of the time than in the first.
 
     The square of the envelope is x² + (x' / ω)², with the frequency ω from the sizes of x' and x. Unlike that of x, its
-    mean over a part of a period does not depend on the phase.
+    mean over a part of a period does not depend on the phase. The straight line that is subtracted contains a part of
+    the oscillation, which changes the ratio of the envelopes by at most 3 / (ω L)² for halves of the length L, of one
+    period at least: the line through a sustained sin(ω t + φ) has a rise of up to 3 / (ω L) over L. A ratio further
+    below 1 is a decay.
     """
-    half = t >= t[-1] - 0.5 * (t[-1] - t[0])
-    past = t[half] - np.mean(t[half])
-    change = signal[half] - np.mean(signal[half])
+    past, change = t - np.mean(t), signal - np.mean(signal)
     x = change - (past @ change) / (past @ past) * past
     rate = np.gradient(x, past)
     size, speed = float(np.std(x)), float(np.std(rate))
     if size == 0.0 or speed == 0.0:
         return True
+    angle = speed / size * 0.5 * float(t[-1] - t[0])
+    if angle < 2.0 * np.pi * LEAST_PERIODS:
+        return False
     square = x**2 + (size / speed * rate) ** 2
-    return bool(np.mean(square[past >= 0.0]) < SUSTAINED**2 * np.mean(square[past < 0.0]))
+    sustained = 1.0 - 3.0 / angle**2
+    return bool(np.mean(square[past >= 0.0]) < sustained**2 * np.mean(square[past < 0.0]))

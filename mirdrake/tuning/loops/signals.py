@@ -25,6 +25,7 @@ from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean, first_line
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
+from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
@@ -201,6 +202,11 @@ def block_numbers(drawing: DiagramSpec) -> dict[str, float]:
     return numbers
 
 
+def tuned_entry(entry: Json | None) -> Json | None:
+    """Return the entry of a block in the diagram of the user, also of one that is tuned; None without a block."""
+    return entry["entry"] if entry is not None and entry["kind"] == KIND else entry
+
+
 def _with_tuned_blocks(diagram: Mapping[str, Any], parameters: Mapping[str, float]) -> Json:
     """Return data of a diagram with a tuned block in place of each block that has one of some parameters."""
     systems = dict(diagram.get("systems") or {})
@@ -273,6 +279,18 @@ class SignalBench:
             )
         return [(response, low, high)]
 
+    @cached_property
+    def limits(self) -> PidLimits:
+        """Limits of the effort: ``minimum`` and ``maximum`` of the block whose output it is; none for other signals."""
+        block = tuned_entry(self.spec.diagram["systems"].get(self.spec.effort.partition(".")[0]))
+        if block is None:
+            return NO_LIMITS
+        kind, given = block["kind"], {key: value for key, value in block.items() if key != "kind"}
+        known = all_parameters(kind, given, source=Source("loop", {}), folder=self.spec.diagram.get("folder"))
+        ends = [known.get(name) for name in ("minimum", "maximum")]
+        low, high = (float(end) if isinstance(end, int | float) else math.nan for end in ends)
+        return PidLimits(-math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high)
+
     @property
     def operating_time(self) -> float:
         """Time of the operating point [s]."""
@@ -334,6 +352,7 @@ class SignalBench:
             signals[self.spec.output].to_numpy(dtype=float),
             signals[self.spec.effort].to_numpy(dtype=float),
             course=self.spec.course,
+            limits=self.limits,
             noise=conditions.noise,
             margins=self.margins(gains) if self.spec.model is None and conditions == NOMINAL else margins,
         )

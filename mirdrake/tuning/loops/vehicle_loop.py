@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JointActuator
 from pydrake.systems.framework import Context
 
@@ -15,12 +16,14 @@ from mirdrake.assembly.diagram_spec import _absolute, make_spec
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
-from mirdrake.plant.plant import PlantSpec
+from mirdrake.plant.plant import PlantSpec, VehicleInPlant
+from mirdrake.plant.wheels.tyre_forces import make_spinning_wheels, wheel_laws
 from mirdrake.tuning.loops.base import Course, Gain, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
 from mirdrake.tuning.loops.kind import LoopKind
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.spec import TuningSpec
+from mirdrake.tyres import SlipTyres
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.joint_control import JOINT_CONTROLS
 from mirdrake.worlds import World, load_world
@@ -30,6 +33,13 @@ if TYPE_CHECKING:
 
 EGO = "ego"
 _BLOCKS = "mirdrake.tuning.loops.blocks:"
+LEAP_FROG = 2.0
+"""Largest angle that an oscillation turns in a step of an explicit method [rad].
+
+Source: E. Hairer, C. Lubich and G. Wanner, Geometric Numerical Integration, 2nd ed., section I.5: the method of Störmer
+and Verlet is stable up to it.
+"""
+
 _NO_TIMEOUT = 1e6
 """Watchdog timeout on a bench [s]: its commands have no time stamps."""
 
@@ -114,12 +124,17 @@ class VehicleLoop(LoopKind):
             },
             "systems": blocks,
             "connect": connect,
-            # Whole steps of the plant per period of the unit, so that updates are on steps.
             "plant": _plant(study, vehicle.control.rate, steps=_steps_per_period(vehicle.control.rate)),
             "record": {"rate": vehicle.control.rate, "meshcat": False, "report": False},
             "duration": course.duration,
             "seed": study.seed,
         }
+        # Whole steps of the plant per period of the unit, so that updates are on steps.
+        if "time_step" not in study.plant.model_fields_set and isinstance(vehicle.spec.tyres, SlipTyres):
+            parts = assemble(make_spec(diagram)).parts
+            longest = LEAP_FROG / fastest_spin(parts.plant, parts.vehicles[EGO])
+            steps = max(_steps_per_period(vehicle.control.rate), math.ceil(period / longest))
+            diagram["plant"]["time_step"] = period / steps
         if noisy:  # the size of the plant's state is only known once it is built
             states = assemble(make_spec(diagram)).parts.plant.num_multibody_states()
             blocks["noise"] = {"kind": f"{_BLOCKS}NoisySensor", "size": states, "period": period}
@@ -262,6 +277,19 @@ def _steps_per_period(rate: float) -> int:
     gains.
     """
     return max(2, math.ceil(1.0 / (rate * PlantSpec().time_step)))
+
+
+def fastest_spin(plant: MultibodyPlant, part: VehicleInPlant) -> float:
+    """Return the largest frequency with which a wheel oscillates on its tyre [rad/s], from ω² = C h² / (σ J).
+
+    C is the slip stiffness, h the rolling radius, σ the relaxation length, J the inertia of the spin.
+    """
+    wheels, (_, laws) = make_spinning_wheels(plant, part), wheel_laws(part)
+    frequencies = []
+    for wheel, law in zip(wheels, laws, strict=True):
+        contact = law(wheel.static_load, 0.0, 1.0).contact
+        frequencies.append(wheel.radius * math.sqrt(contact.stiffness_x / (contact.length_x * wheel.inertia)))
+    return max(frequencies)
 
 
 def _plant(study: TuningSpec, rate: float, *, steps: int) -> dict[str, object]:
