@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from mirdrake.core.json_io import finite_or_none
@@ -25,7 +26,8 @@ class Criterion:
     Attributes:
         name: ``cheaper_than_baseline``: cost less than that of the baseline; ``cheaper_in_runs``: median over the runs
             of the Monte Carlo of the cost over that of the baseline, less than 1; ``constraint``: a figure within its
-            limit; ``monte_carlo``: number of runs that are not stable; ``finer_step``: 1 if not stable at a finer step
+            limit; ``monte_carlo``: number of runs that are not stable, at most
+            those in which the present control is not either; ``finer_step``: 1 if not stable at a finer step
             of the plant; ``own_slopes``: 1 if it does not follow the vehicle's own slopes of the set-point;
             ``no_costlier_than_rule``: median over the runs of the cost over that of the best rule, at
             most 1; without a Monte Carlo, cost of at most that of the rule; ``robust_unlike_rules``: 1 if
@@ -85,14 +87,15 @@ def accept(
     cost: Mapping[str, float],
     constraints: Mapping[str, float],
     monte_carlo: MonteCarlo | None = None,
+    unavoidable: Mapping[str, int] = MappingProxyType({}),
     verified: Mapping[str, Verification],
 ) -> tuple[Criterion, ...]:
     """Return the criteria of a tuned loop, and whether they are met.
 
     The cost is less than that of a stable baseline, also in the median run of the Monte Carlo; the constraints are met;
-    no run of the Monte Carlo is unstable, nor the test at a finer step of the plant, nor that on the vehicle's own
-    slopes of the set-point; and the cost is at most that of
-    the best rule that meets all of these. Costs that print equal are equal.
+    no run of the Monte Carlo is unstable in which the present control is stable, nor the test at a finer step of the
+    plant, nor that on the vehicle's own slopes of the set-point; and the cost is at most that of the best rule that
+    meets all of these. Costs that print equal are equal.
 
     Args:
         baseline: candidate to compare with.
@@ -101,6 +104,7 @@ def accept(
         cost: weights of figures.
         constraints: limits of figures.
         monte_carlo: with the baseline, the winner and the rule; None if the study has none.
+        unavoidable: number of runs by candidate in which neither it nor the present control is stable; none if missing.
         verified: checks by name of the candidate.
     """
     before, after = baseline.trial.cost, winner.trial.cost
@@ -118,7 +122,8 @@ def accept(
         criteria.append(Criterion("constraint", finite_or_none(value), limit, met, name))
     if monte_carlo is not None:
         failures = monte_carlo.failures(winner.name).failures
-        criteria.append(Criterion("monte_carlo", float(failures), 0.0, failures == 0))
+        allowed = unavoidable.get(winner.name, 0)
+        criteria.append(Criterion("monte_carlo", float(failures), float(allowed), failures <= allowed))
     # A result that depends on the step of the plant is an artefact of the simulation.
     if winner.name in verified and verified[winner.name].finer is not None:
         fails = verified[winner.name].fails_at_finer_step
@@ -131,6 +136,7 @@ def accept(
     # Comparison with the best rule, if it is feasible and robust.
     def is_robust(candidate: Candidate) -> bool:
         failures = monte_carlo.failures(candidate.name).failures if monte_carlo is not None else 0
+        failures -= unavoidable.get(candidate.name, 0)
         check = verified.get(candidate.name)
         return not failures and not (check is not None and (check.fails_at_finer_step or check.fails_on_slopes))
 

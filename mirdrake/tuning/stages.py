@@ -14,6 +14,7 @@ import pandas as pd
 
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.plant.plant import PlantSpec
+from mirdrake.tuning.check import baseline_gains
 from mirdrake.tuning.confirm import MarginCheck, confirm_margins
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.gain_map import map_of_two_gains
@@ -88,6 +89,7 @@ class Stages:
             the model's margins with which those of the plant are met.
         scenarios: tests in single conditions so far, by step of the plant and gains: a Monte Carlo need not repeat
             them.
+        unstable_now: whether the present control is unstable, by step of the plant and draw.
     """
 
     spec: TuningSpec
@@ -99,6 +101,7 @@ class Stages:
     progress: Progress
     margin_ratios: Mapping[str, float] = field(default_factory=dict)
     scenarios: dict[tuple[float, ...], dict[Conditions, Evaluation]] = field(default_factory=dict)
+    unstable_now: dict[tuple[float, Conditions], bool] = field(default_factory=dict)
 
     @property
     def identifiable(self) -> bool:
@@ -365,9 +368,27 @@ class Stages:
         with closing(self.evaluate(LoopEvaluator(loop or self.loop), calls, "scenarios")) as results:
             for scenario, result in zip(scenarios, results, strict=True):
                 made[scenario] = result
-                if result.status != "ok":
+                if result.status != "ok" and not self.is_unstable_now(scenario):
                     return Rejection("scenario", conditions=scenario, reason=result.reason)
         return None
+
+    def is_unstable_now(self, draw: Conditions) -> bool:
+        """Return whether the present control of the vehicle is unstable in a draw, too, and is the baseline.
+
+        Gains are not rejected for such a draw: they are not worse there, and usually nothing is stable.
+        """
+        if self.spec.baseline != "present" or draw not in self.draws:
+            return False
+        key = (self.loop.time_step, draw)
+        if key not in self.unstable_now:
+            gains = baseline_gains(self.spec, self.loop)
+            self.unstable_now[key] = LoopEvaluator(self.loop)(gains, draw).status == "unstable"
+        return self.unstable_now[key]
+
+    def unstable_runs(self, table: pd.DataFrame) -> list[int]:
+        """Return the runs of a table that are not stable, without those in which the present control is not either."""
+        failed = table.loc[table["status"] != "ok", "run"].astype(int).tolist()
+        return [run for run in failed if not self.is_unstable_now(self.draws[run])]
 
     def _test_key(self, gains: Mapping[str, float]) -> tuple[float, ...]:
         return (self.loop.time_step, *(float(value) for value in gains.values()))
@@ -375,7 +396,8 @@ class Stages:
     def failed_runs(self, candidate: Candidate) -> tuple[Rejection, ...]:
         """Return a rejection for each run of the Monte Carlo that fails, until one of :data:`BATCH` runs has failed.
 
-        The runs that are most likely to fail come first.
+        Runs in which the present control is unstable as well do not count: see :meth:`is_unstable_now`. The runs that
+        are most likely to fail come first.
 
         Raises:
             StoppedError: Ctrl-C.
@@ -391,13 +413,13 @@ class Stages:
         order = [*sorted(hard), *(run for run in range(count) if run not in hard)]
         for end in range(BATCH, len(order) + BATCH, BATCH):
             table = self._runs("plant", gains, {name: order[:end]}).table
-            if (table["status"] != "ok").any():
+            if self.unstable_runs(table):
                 break
         else:
             # The plant makes further runs if the model does not rank these as the plant does.
             finished = self.monte_carlo([candidate])
             table = table if finished is None else finished.rows(name)
-        failed = table[table["status"] != "ok"]
+        failed = table[table["run"].isin(self.unstable_runs(table))]
         return tuple(
             Rejection("monte_carlo", run=run, conditions=self.draws[run], reason=str(reason), made_runs=len(table))
             for run, reason in zip(failed["run"].astype(int).tolist(), failed["reason"], strict=True)

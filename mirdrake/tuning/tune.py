@@ -44,7 +44,7 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.registry import LOOP_KINDS, make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
 from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, read_result, write_result
-from mirdrake.tuning.robustness import CornerTest
+from mirdrake.tuning.robustness import CornerTest, MonteCarlo
 from mirdrake.tuning.scenarios import corners
 from mirdrake.tuning.search_range import Space
 from mirdrake.tuning.selection import (
@@ -275,6 +275,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         cost=stages.spec.cost,
         constraints=stages.constraints,
         monte_carlo=runs,
+        unavoidable=_unavoidable(stages, runs, chosen),
         verified=known.verified,
     )
     # Where the baseline remains, it is tested in what its rivals have failed; it has passed the test manoeuvre only.
@@ -431,6 +432,16 @@ def _candidate_result(stages: Stages, known: Knowledge, candidate: Candidate) ->
         finite_or_none(trial.cost), trial.feasible, design.rule, design.parameter, trial.reason, rejections,
         () if check is None else check.margins,
     )  # fmt: skip
+
+
+def _unavoidable(stages: Stages, runs: MonteCarlo | None, chosen: Sequence[Candidate]) -> dict[str, int]:
+    """Return the number of runs by candidate in which neither it nor the present control is stable."""
+    if runs is None:
+        return {}
+    tables = {one.name: runs.rows(one.name) for one in chosen if one.name in runs.candidates}
+    return {
+        name: int((table["status"] != "ok").sum()) - len(stages.unstable_runs(table)) for name, table in tables.items()
+    }
 
 
 def _with_claimed_margins(candidate: Candidate, known: Knowledge) -> Candidate:
