@@ -1,6 +1,7 @@
 """Loops of a user's diagram around a block of any class: models, rules and margins, against closed forms."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import mirdrake as mir
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.report.tuning import write_tuning_report
 from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.designs import make_designs
@@ -225,6 +227,20 @@ def test_the_model_is_that_of_the_users_system_and_all_rules_apply(pid_loop):
     names = " ".join(design.name for design in designs)
     assert all(rule in names for rule in ("SIMC", "lambda", "AMIGO PI", "Ziegler-Nichols step PI", "shaped PI"))
     assert all(set(design.gains) == set(PARAMETERS) for design in designs)
+
+
+def test_the_limits_of_the_effort_are_those_of_its_block(pid_loop):
+    loop = pid_loop.loop
+    assert bench_of(loop).limits == NO_LIMITS
+    tuned = loop.diagram["systems"]["pid"]
+    limited = {**tuned, "entry": {**tuned["entry"], "minimum": -2.0, "maximum": 0.8}}
+    loop = replace(loop, diagram={**loop.diagram, "systems": {**loop.diagram["systems"], "pid": limited}})
+    assert bench_of(loop).limits == PidLimits(-2.0, 0.8)
+    # The proportional part is at the limit until the error of the first-order lag is 0.4: 1 - 1.6 (1 - e^(-t/T)).
+    result = LoopEvaluator(loop)({"pid.kp": 2.0, "pid.ki": 0.0})
+    assert result.figures["saturation_time"] == pytest.approx(
+        -TIME_CONSTANT * math.log(1.0 - 0.6 / 1.6), abs=2.0 * PERIOD
+    )
 
 
 def test_a_delay_in_the_margin_is_stable_on_the_plant_and_a_longer_one_is_not(pid_loop):

@@ -15,6 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.pid import PidLimits
 from mirdrake.core.yaml_io import parse_yaml
+from mirdrake.plant.wheels.tyre_forces import make_spinning_wheels, wheel_laws
 from mirdrake.tuning.check import check_study
 from mirdrake.tuning.frequency_response import measure_frequency_response
 from mirdrake.tuning.loops.base import Conditions, Course, LoopModel, LoopSpec
@@ -25,8 +26,10 @@ from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.reduced import find_loop_margins, run_reduced
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.loops.speed import car_speed
+from mirdrake.tuning.loops.vehicle_loop import fastest_spin
 from mirdrake.tuning.models import TransferFunction
 from mirdrake.tuning.spec import TuningSpec, make_tuning
+from mirdrake.vehicles.scaffold import new_vehicle
 
 BOTH = "vehicle: bolt\nloop: speed\n"
 BOLT = {"kp": 250.0, "ki": 100.0, "kd": 20.0}
@@ -114,6 +117,23 @@ def test_noise_is_added_to_the_noisy_elements() -> None:
     assert noisy.y.Eval(own).tolist() == [1.0, 0.5]
     with pytest.raises(ConfigError, match="indices must be from 0 to 1"):
         noisy.set_noise(own, [2], np.zeros(1))
+
+
+def test_the_step_of_the_plant_resolves_the_spin_of_light_wheels(tmp_path: Path) -> None:
+    """At 5 ms the wheels of this robot lock when it brakes with pedals on tyres with slip; at 3.3 ms they do not."""
+    robot = new_vehicle("robot", wheelbase=0.58, track=0.32, mass=18.5, wheel_radius=0.064, wheel_width=0.042,
+                        drive="front", sensors="none", folder=tmp_path)  # fmt: skip
+    study = {"vehicle": f"{robot}@handling", "loop": "speed"}
+    loop = make_loop_spec(make_tuning(study))
+    bench = plant_bench(loop)
+    fastest = fastest_spin(bench.plant, bench.part)
+    wheel, (_, laws) = make_spinning_wheels(bench.plant, bench.part)[0], wheel_laws(bench.part)
+    contact = laws[0](wheel.static_load, 0.0, 1.0).contact
+    # C h² / (σ J) by hand.
+    assert fastest >= 0.064 * math.sqrt(contact.stiffness_x / contact.length_x / wheel.inertia)
+    assert loop.time_step * fastest <= 2.0 < 0.005 * fastest
+    assert (1.0 / 50.0 / loop.time_step) == pytest.approx(round(1.0 / 50.0 / loop.time_step))
+    assert make_loop_spec(make_tuning({**study, "plant": {"time_step": 0.005}})).time_step == 0.005
 
 
 def course() -> Course:

@@ -4,11 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from mirdrake.cli import main
 from mirdrake.tuning.check import baseline_gains
-from mirdrake.tuning.loops.base import LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.base import Conditions, Evaluation, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.evaluate import LoopEvaluator
 from mirdrake.tuning.loops.reduced import find_loop_margins, loop_plants, run_reduced
 from mirdrake.tuning.loops.registry import make_loop_spec
@@ -43,6 +44,29 @@ def test_the_present_control_is_driven_as_it_is_in_the_file(loop: LoopSpec) -> N
     result = LoopEvaluator(loop)({})
     assert result.status == "ok"
     assert 0.01 < result.figures["iae"] < 0.5
+
+
+def test_runs_in_which_the_present_control_is_unstable_do_not_reject_a_candidate(
+    loop: LoopSpec, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The present control fails in run 2, the candidate in runs 2 and 4."""
+    spec = study(robustness={"runs": 6})
+    stages = Stages(spec, loop, tmp_path, "key", None, 0, lambda *_: None)
+    calls: list[object] = []
+
+    def evaluate(_: LoopEvaluator, gains: object, draw: Conditions, fidelity: str = "plant") -> Evaluation:
+        calls.append(gains)
+        return Evaluation("unstable" if draw == stages.draws[2] else "ok")
+
+    monkeypatch.setattr(LoopEvaluator, "__call__", evaluate)
+    table = pd.DataFrame({"run": [1, 2, 4], "status": ["ok", "unstable", "unstable"]})
+    assert stages.unstable_runs(table) == [4]
+    assert stages.unstable_runs(table) == [4]
+    assert calls == [{}, {}]  # each draw once, with the present control
+    assert not stages.is_unstable_now(Conditions(delay=0.1234))
+    # Other gains to compare with are not those of the vehicle.
+    published = replace(stages, spec=study(robustness={"runs": 6}, baseline="published"), unstable_now={})
+    assert published.unstable_runs(table) == [2, 4]
 
 
 def test_delays_of_the_monte_carlo_are_up_to_twice_the_nominal_one(loop: LoopSpec) -> None:
