@@ -254,7 +254,7 @@ def test_gains_that_spin_the_wheels_of_the_plant_do_so_on_the_slip_model(bolt: L
 
 
 def test_gains_whose_wheels_return_by_chance_are_rejected(bolt: LoopSpec) -> None:
-    """On the plant at 2.5 ms these return to rolling with 2 %, and slide for ever with 3 % less friction."""
+    """On the plant at 2.5 ms these return to rolling with 2 %, and keep sliding with 3 % less friction."""
     own = LOOP_KINDS[bolt.kind].at_own_slopes(bolt)
     assert own is not None
     gains = {"kp": 172.0, "ki": 80.0, "kd": 0.0}
