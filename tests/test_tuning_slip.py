@@ -46,7 +46,7 @@ def sliding_wheel(
     *, period: float, delay: float, limit: float | None, duration: float, axle: DrivenAxle = COULOMB
 ) -> LoopSpec:
     """Return the loop of a wheel on a vehicle of infinite mass."""
-    slip = SlipModel(1e12, RADIUS, FRICTION, (axle,), 20.0, 0.5, 0.1)
+    slip = SlipModel(1e12, RADIUS, FRICTION, (axle,), 20.0, 0.5, 0.0, 0.1)
     model = LoopModel(
         {"main": Integrator(1.0, 0.0).transfer_function()},
         output=Integrator(1.0, 0.0).transfer_function(),
@@ -198,7 +198,7 @@ def test_a_vehicle_pitches_on_its_tyres_as_computed(name: str) -> None:
         rates.append(float(plant.GetVelocities(context)[rate]))
     (a, b), *_ = np.linalg.lstsq(np.transpose([rates[1:-1], rates[:-2]]), np.array(rates[2:]), rcond=None)
     pole = np.log(np.roots([1.0, -a, -b]).astype(complex)[0]) / bench.period
-    frequency, damping = pitch_of(bench, axles_of(bench))
+    frequency, damping, _ = pitch_of(bench, axles_of(bench))
     assert abs(pole) == pytest.approx(frequency, rel=0.1)
     assert -pole.real / abs(pole) == pytest.approx(damping, abs=0.05)
 

@@ -210,6 +210,7 @@ class SlipModel:
         axles: driven axles.
         frequency: natural frequency of pitch [rad/s].
         damping: damping ratio of pitch [1].
+        lean: displacement of the point below the centre of mass on the road by pitch, over the acceleration [s²].
         low: speed below which a tyre has its damping of low speeds, and a limit of its deflection [m/s].
     """
 
@@ -219,6 +220,7 @@ class SlipModel:
     axles: tuple[DrivenAxle, ...]
     frequency: float
     damping: float
+    lean: float
     low: float
 
     def largest(self, *, backward: bool = False) -> float:

@@ -21,6 +21,7 @@ from mirdrake.core.compiled import compiled, records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains, PidLimits
+from mirdrake.plant.wheels.step import SMOOTH_SPEED
 from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, make_spinning_wheels, wheel_laws
 from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, DrivenAxle, Evaluation, LoopSpec, OuterLoop, SlipModel
@@ -49,8 +50,11 @@ NODES = 101
 _LIMIT = 1.5  # limit of a deflection at standstill over that of linear slip stiffness, as in mirdrake.tyres.relaxation
 
 
-def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float]:
+def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float, float]:
     """Return natural frequency [rad/s] and damping ratio of a vehicle that pitches on its springs and tyres.
+
+    The third value is the displacement of its point on the road below the centre of mass, by the pitch of an
+    acceleration, over that acceleration: m h² / (I ω²) [s²].
 
     ω² = (k_f l_f² + k_r l_r²) / I with the stiffness of an axle, tyre and spring in series; a damper of the spring
     moves by the share of the spring. Source: T. D. Gillespie, Fundamentals of Vehicle Dynamics (1992), chapter 5,
@@ -71,7 +75,8 @@ def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float]:
             borne *= spring.stiffness / (borne + spring.stiffness)
         stiffness += 2.0 * borne * arm**2
         damping += 2.0 * damped * arm**2
-    return math.sqrt(stiffness / inertia), 0.5 * damping / math.sqrt(stiffness * inertia)
+    lean = whole.get_mass() * axles.height**2 / stiffness
+    return math.sqrt(stiffness / inertia), 0.5 * damping / math.sqrt(stiffness * inertia), lean
 
 
 def make_slip_model(bench: PlantBench) -> SlipModel:
@@ -103,7 +108,7 @@ def make_slip_model(bench: PlantBench) -> SlipModel:
     others = sum(wheel.inertia for place, wheel in enumerate(wheels) if place not in bench.driven)
     return SlipModel(
         total + float(others / bench.radius**2), float(bench.radius), friction, tuple(driven), *pitch_of(bench, axles),
-        wheels[bench.driven[0]].settings.low,
+        low=wheels[bench.driven[0]].settings.low,
     )  # fmt: skip
 
 
@@ -278,8 +283,11 @@ def _numbers(spec: LoopSpec, pid: PidGains, limits: PidLimits, conditions: Condi
         gravity=GRAVITY * math.sin(conditions.grade),
         frequency=model.slip.frequency,
         damping=model.slip.damping,
+        lean=model.slip.lean,
         low=model.slip.low,
         slip=slip,
+        drag=model.drag,
+        fade=SMOOTH_SPEED * model.slip.radius,
         pid=pid.numbers(),
         limits=limits,
         outer_pid=PidGains(outer.kp, outer.ki).numbers(),

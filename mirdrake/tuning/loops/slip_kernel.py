@@ -6,7 +6,8 @@ With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v an
 
 Deflection u, relaxation length σ, slip stiffness C, damping k and the sliding of the patch at low speed, which adds to
 the decay |v| / σ, are those of :mod:`mirdrake.tyres.relaxation`. The load follows the acceleration as the vehicle
-pitches, N'' = ω² (N0 + c a - N) - 2 ζ ω N'.
+pitches, N = N0 + c a_p with a_p'' = ω² (a - a_p) - 2 ζ ω a_p'. The speed is measured on the road, below the centre of
+mass at the height h: v + m h² / (I ω²) a_p' with the pitch inertia I.
 
 A wheel oscillates on its tyre with up to 50 Hz, and a sampled controller may excite that, so that a step must neither
 damp it nor be unstable on the stiffest tyre: slip and deflection have the two implicit stages of the method with
@@ -14,7 +15,7 @@ damp it nor be unstable on the stiffest tyre: slip and deflection have the two i
 damps an oscillation by ζ = 0.0037 (ω dt)³. A stage is solved by the secant stiffness F / κ.
 """
 
-from math import sqrt
+from math import sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
@@ -52,8 +53,11 @@ class SlipNumbers(NamedTuple):
         gravity: gravity along the road [m/s²].
         frequency: natural frequency of pitch [rad/s].
         damping: damping ratio of pitch [1].
+        lean: m h² / (I ω²) [s²].
         low: speed below which a tyre has its damping of low speeds, and its patch slides [m/s].
         slip: slip velocity at the start [m/s].
+        drag: rolling resistance as effort, part of the resistances; it is against the motion [u].
+        fade: speed below which it fades [m/s].
         pid: gains of the loop of a wheel.
         limits: of its control.
         outer_pid: gains of the outer loop.
@@ -73,8 +77,11 @@ class SlipNumbers(NamedTuple):
     gravity: float
     frequency: float
     damping: float
+    lean: float
     low: float
     slip: float
+    drag: float
+    fade: float
     pid: PidNumbers
     limits: PidLimits
     outer_pid: PidNumbers
@@ -133,11 +140,11 @@ def simulate_slip(
     step = n.period / n.steps
     speed = n.start * (1.0 if n.is_speed else n.radius)
     slip = np.full(count, n.slip * 1.0)
-    along, force, rate, load = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    along, force = np.zeros(count), np.zeros(count)
+    pitched, rate = n.gravity, 0.0
     wheels = 0.0
     for i in range(count):
         wheels += axles[i, 0]
-        load[i] = axles[i, 2] + axles[i, 3] * n.gravity
     controls = np.zeros((count, n.whole + 2))  # the oldest first
     memory = np.zeros((count, len(_START)))
     trim_loop = _START
@@ -147,7 +154,7 @@ def simulate_slip(
         for i in range(count):
             spin += axles[i, 0] / wheels * (speed + slip[i]) / n.radius
             slips[i, k] = slip[i]
-        outputs[k] = speed if n.is_speed else spin
+        outputs[k] = speed + n.lean * rate if n.is_speed else spin
         target = wanted[k] + n.start * n.scale
         if n.outer:
             trim_loop, trim = pid_step(
@@ -173,7 +180,8 @@ def simulate_slip(
         for part in range(n.steps):
             # The older control acts for the rest of the dead time that is not a whole period.
             old = (part + 0.5) * step < n.part
-            push = resistances[k] * wheels / n.radius  # forces on the vehicle [N]
+            # Forces on the vehicle [N]; the drag of the resistances is that of forward motion.
+            push = (resistances[k] + n.drag * (1.0 - tanh(speed / n.fade))) * wheels / n.radius
             total = push
             for i in range(count):
                 total += axles[i, 0] * force[i]
@@ -181,7 +189,7 @@ def simulate_slip(
             for i in range(count):
                 share, inertia, stiffness, length = axles[i, 0], axles[i, 1], axles[i, 4], axles[i, 5]
                 torque = (controls[i, 0] if old else controls[i, 1]) + loads[k]
-                pressed = max(load[i], 0.0)
+                pressed = max(axles[i, 2] + axles[i, 3] * pitched, 0.0)
                 damped = (axles[i, 6] + axles[i, 7] * weight) / stiffness
                 mobility = n.radius * n.radius / inertia + share / n.mass
                 # Change of the slip without the axle's own tyres; the other axles have their forces of the last step.
@@ -219,10 +227,10 @@ def simulate_slip(
                 slides[i, k] = max(slides[i, k], abs(slip[i]) - axles[i, 9] * abs(speed))
             acceleration = push / n.mass
             speed += step * acceleration
-            for i in range(count):
-                wished = axles[i, 2] + axles[i, 3] * (acceleration + n.gravity)
-                rate[i] += step * (n.frequency**2 * (wished - load[i]) - 2.0 * n.damping * n.frequency * rate[i])
-                load[i] += step * rate[i]
+            rate += step * (
+                n.frequency**2 * (acceleration + n.gravity - pitched) - 2.0 * n.damping * n.frequency * rate
+            )
+            pitched += step * rate
 
 
 SLIP_PARTS = (pid_step, force_over_load, low_speed_weight, sliding_rate)
