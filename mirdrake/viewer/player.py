@@ -17,6 +17,11 @@ _PANEL = """
   #player input { flex: 1; min-width: 60px; accent-color: #1f6feb; }
   #player select { font: inherit; padding: 3px; border: 1px solid #d5dbe3; border-radius: 6px; background: #fff; }
   #player span { white-space: nowrap; }
+  @media (max-width: 480px) {
+    #player { gap: 8px; padding: 6px 8px; font-size: 12px; }
+    #player input { min-width: 40px; }
+  }
+  @media (max-width: 400px) { #player select { display: none; } }
 </style>
 <div id="player"><button title="play, pause: space"></button><span title="simulated time"></span>
   <input type="range" min="0" step="any" aria-label="time" title="time; the arrow keys move by 1 s">
