@@ -15,7 +15,11 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from mirdrake.cli import GARBAGE
 from mirdrake.core import paths
+
+# As in the command `mirdrake`: tests make many objects that stay, which need not be looked at again and again.
+gc.set_threshold(GARBAGE, *gc.get_threshold()[1:])
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
