@@ -523,3 +523,30 @@ def test_recommended_manoeuvres_are_within_the_steering_limit_and_the_lateral_ac
     if speed == 20.0:
         (angle, _) = steering_manoeuvres(speed, wheelbase)["step steer"]
         assert np.max(angle) == pytest.approx(3.0 * 2.7 / 400.0)
+
+
+@pytest.mark.parametrize("guess", [0.6, 1.6])
+def test_a_measured_angle_of_the_wheels_determines_an_unknown_wheelbase(guess):
+    """The centre of mass is taken to be in the middle; the axle distances of the result follow the estimate."""
+    length = FRONT + REAR
+    data = replace(lateral_data(seed=3), wheelbase=None)
+    settings = {"wheelbase": Setting(guess=guess * length)}
+    fit_ = fitted(data, ModelSpec("single_track", {"tyres": "linear", "roll": False}), parameters=settings)
+    assert fit_["wheelbase"].value == pytest.approx(length, rel=0.02)
+    assert fit_["wheelbase"].verdict == "identified"
+    assert fit_["front_length"].value + fit_["rear_length"].value == pytest.approx(fit_["wheelbase"].value)
+    assert fit_["front_length"].kind == fit_["rear_length"].kind == "fixed"
+
+
+def test_axle_distances_follow_a_wheelbase():
+    model = make_model(ModelSpec("single_track"), replace(lateral_data(), wheelbase=None), {})
+    p = {info.name: info.guess for info in model.parameters} | {
+        "wheelbase": 4.0,
+        "front_length": 1.0,
+        "rear_length": 3.0,
+    }
+    moved = model.complete({**p, "wheelbase": 2.0})
+    assert (moved["front_length"], moved["rear_length"]) == (0.5, 1.5)
+    assert model.complete(moved) == moved
+    known = make_model(ModelSpec("single_track"), lateral_data(), {})
+    assert "wheelbase" not in {info.name for info in known.parameters}
