@@ -48,6 +48,7 @@ from mirdrake.manoeuvres.metrics.transient import (
 from mirdrake.manoeuvres.open_loop import StepSteerSpec
 from mirdrake.manoeuvres.profiles import make_profile, tabulate
 from mirdrake.manoeuvres.record import Record, bicycle_angles, unwrapped
+from mirdrake.manoeuvres.ride import time_in_air
 from mirdrake.manoeuvres.straight import BrakingSpec
 
 L, K = 2.6, 0.003  # wheelbase [m], understeer gradient [rad s²/m]
@@ -480,3 +481,11 @@ def test_a_small_vehicle_has_the_same_froude_number_by_default():
     braking = scaled(BrakingSpec(), 0.25)
     assert isinstance(braking, BrakingSpec)
     assert braking.others == pytest.approx(tuple(0.5 * item for item in BrakingSpec().others))
+
+
+@pytest.mark.parametrize("step", [0.01, 0.005, 0.001])
+def test_the_time_of_a_wheel_in_the_air_does_not_depend_on_the_samples(step):
+    """A load of 1000 - 3000 sin(2 π t) N is below zero for (1 - 2 asin(1 / 3) / π) / 2 s of each second."""
+    time = np.arange(0.0, 3.0, step)
+    air = time_in_air(np.maximum(1000.0 - 3000.0 * np.sin(2.0 * math.pi * time), 0.0)) * step
+    assert air == pytest.approx(3.0 * (0.5 - math.asin(1.0 / 3.0) / math.pi), rel=1e-3)

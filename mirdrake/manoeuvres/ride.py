@@ -163,8 +163,25 @@ def _add_load_limits(outcome: Outcome, record: Record, shown: Any) -> None:
     highest, lowest = max(float(np.max(load)) for load in loads), min(float(np.min(load)) for load in loads)
     outcome.add("load_peak", "Largest wheel load", highest, "N")
     outcome.add("load_least", "Smallest wheel load", lowest, "N", scale=float(np.mean(loads)))
-    air = max(int(np.count_nonzero(load <= 0.0)) for load in loads) * record.step
+    air = max(time_in_air(load) for load in loads) * record.step
     outcome.add("air", "Longest time of a wheel in the air", air, "s", "in total", scale=0.1)
+
+
+def time_in_air(load: Array) -> float:
+    """Return the number of sampling intervals without a wheel load; lines through its last samples give both ends.
+
+    Args:
+        load: wheel load at even times [N]; zero in the air.
+    """
+    total = 0.0
+    for values in (load, load[::-1]):  # ends, then begins
+        first = np.flatnonzero((values[1:-1] > 0.0) & (values[2:] <= 0.0)) + 1
+        # Interval from the last sample with a load, less the part in which the line through the last two is above zero.
+        fall = values[first - 1] - values[first]
+        contact = np.divide(values[first], fall, out=np.full(len(first), 0.5), where=fall > values[first])
+        total += float(np.sum(1.0 - contact))
+    inside = (load[1:] <= 0.0) & (load[:-1] <= 0.0)
+    return total + float(np.count_nonzero(inside))
 
 
 def _travels(record: Record, shown: Any) -> dict[str, list[Array]]:
