@@ -6,7 +6,15 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
 
-from mirdrake.core.drake_errors import algebraic_loop, is_divergence, is_meshcat_crash, is_solver_failure
+from mirdrake.core.drake_errors import (
+    algebraic_loop,
+    first_sentence,
+    is_divergence,
+    is_meshcat_crash,
+    is_solver_failure,
+    mesh_fault,
+    urdf_fault,
+)
 from mirdrake.core.drake_log import IRRELEVANT, filter_drake_log
 
 SAP = (  # 1.51 and 1.58
@@ -70,3 +78,20 @@ def test_warnings_that_do_not_apply_are_suppressed_and_others_are_not(caplog: py
     with caplog.at_level(logging.WARNING, logger="drake"):
         for text in (*IRRELEVANT, "joint friction is not supported"):
             assert logger.filter(logging.makeLogRecord({"msg": f"Warning: {text}."})) == (text not in IRRELEVANT)
+
+
+def test_a_fault_of_a_urdf_text_is_its_line_and_reason() -> None:
+    assert urdf_fault("error: no links") == (0, "no links")
+    assert urdf_fault("<literal-string>.urdf:12: error: joint 'a':\n  its axis is zero") == (
+        12,
+        "joint 'a': its axis is zero",
+    )
+
+
+def test_a_fault_of_a_mesh_is_its_last_part() -> None:
+    assert mesh_fault("MakeConvexHull(): 'car.gltf': the buffer view\n has no data") == "the buffer view has no data"
+
+
+def test_the_first_sentence_leaves_out_the_causes() -> None:
+    assert first_sentence(SAP) == "The SAP solver failed to converge at simulation time = 0.123"
+    assert first_sentence(LOOP) == "Reported algebraic loop detected in DiagramBuilder:"

@@ -2,12 +2,13 @@
 
 import ast
 import inspect
+import pickle
 import re
 
 import pytest
 
 from mirdrake.core import errors
-from mirdrake.core.errors import MirdrakeError, RunError, did_you_mean, first_line, one_line
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, RunError, did_you_mean, first_line, one_line
 
 
 def _classes() -> dict[str, type[Exception]]:
@@ -63,3 +64,20 @@ def test_a_name_with_a_line_break_stays_on_the_line_of_its_message() -> None:
 )
 def test_an_error_is_told_in_one_line(error: Exception, first: str, whole: str) -> None:
     assert (first_line(error), one_line(error)) == (first, whole)
+
+
+@pytest.mark.parametrize("kind", [MirdrakeError, RunError, ConfigError, ModelError])
+def test_an_error_carries_its_place_apart_from_its_text(kind: type[MirdrakeError]) -> None:
+    """The text may contain a colon and the place a space, so that they could not be separated in the message."""
+    error = kind("link 'a': no mass", where="my car.urdf:3")
+    for same in (error, pickle.loads(pickle.dumps(error))):
+        assert (same.text, same.where) == ("link 'a': no mass", "my car.urdf:3")
+        assert str(same) == "my car.urdf:3: link 'a': no mass"
+    assert (kind("no mass").where, str(kind("no mass"))) == ("", "no mass")
+
+
+def test_the_place_of_a_fault_in_a_file_is_file_line_and_path() -> None:
+    error = ConfigError("is not a number", file="w.yaml", line=4, path=("props", 0, "at"))
+    assert (error.where, error.text) == ("w.yaml:4: props.0.at", "is not a number")
+    both = ConfigError(faults=[error, ConfigError("unknown key", file="w.yaml")])
+    assert (both.where, both.text) == ("", str(both))

@@ -336,7 +336,7 @@ def test_tags_of_xacro_without_prefix_are_named_and_other_unknown_elements_are_n
     path.write_text('<robot name="cart"><property name="a" value="1"/><sprocket/><link name="base_link"/></robot>')
     model = read_source(path)
     assert len(model.hints) == 1
-    assert model.hints[0].startswith("<property> (")
+    assert (model.hints[0].tag, model.hints[0].where) == ("property", f"{path}:1")
     with pytest.raises(ModelError, match=r"no movable joints.*<property>"):
         recognise(model)
 

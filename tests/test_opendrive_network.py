@@ -118,7 +118,7 @@ def test_lights_control_the_lane_of_their_orientation_at_the_painted_line(tmp_pa
     assert (line.lane, line.kind, line.signal) == ("180.0.1", "lights", "L")
     assert line.s == pytest.approx(48.0)
     assert network.junctions["J"].rule == "lights"
-    assert network.notes == ("signs of type 274.1, without effect: 1",)
+    assert network.notes == (("signs of type 274.1, without effect", "1"),)
 
 
 @pytest.mark.parametrize("sign", ["205", "206"])
@@ -132,7 +132,10 @@ def test_objects_that_are_no_stop_lines_are_counted(tmp_path: Path) -> None:
     rows = ('type="building"', 'type="building" name="house"', 'name="bush"', 'type="roadMark" subtype="stopLine"')
     objects = "".join(f'<object id="{i}" s="{10 + i}" t="4" {row}/>' for i, row in enumerate(rows))
     straight = road("0", geometry(0.0, 0.0, 0.0, 50.0), more=f"<objects>{objects}</objects>")
-    assert read(tmp_path, document(straight)).notes == ("objects of type building: 2", "objects of type none: 1")
+    assert read(tmp_path, document(straight)).notes == (
+        ("objects of type building", "2"),
+        ("objects of type none", "1"),
+    )
 
 
 def test_validity_and_signal_reference(tmp_path: Path) -> None:
@@ -274,7 +277,7 @@ def test_missing_links_are_added_where_lanes_meet_and_wrong_ones_are_reported(tm
     network = read(tmp_path, text)
     assert network.lanes["1.0.-1"].successors == ("2.0.-1",)
     assert network.lanes["2.0.1"].successors == ("1.0.1",)
-    assert network.notes == ("connections of lanes that the file leaves out: 2 added, where lanes meet",)
+    assert network.notes == (("connections of lanes that the file leaves out", "2 added, where lanes meet"),)
 
     wrong = section([lane(1, after="-1")], [lane(-1)])
     text = document(
@@ -282,7 +285,7 @@ def test_missing_links_are_added_where_lanes_meet_and_wrong_ones_are_reported(tm
         road("2", geometry(50.2, 0, 0, 50.0), links=linked(before="road 1 end")),
     )
     notes = read(tmp_path, text).notes
-    assert "opposite directions, left out: 1, first 1.0.1 and 2.0.-1" in notes[0]
+    assert notes[0] == ("connections of lanes with opposite directions, left out", "1, first 1.0.1 and 2.0.-1")
 
 
 def test_lanes_that_do_not_meet_are_reported(tmp_path: Path) -> None:
@@ -292,7 +295,8 @@ def test_lanes_that_do_not_meet_are_reported(tmp_path: Path) -> None:
         road("2", geometry(50, 0.2, 0.02, 50.0), lanes, links=linked(before="road 1 end")),
     )
     (note,) = read(tmp_path, text).notes
-    assert note.startswith("lanes that do not meet: 1 of 1 connections; worst 1.0.-1 to 2.0.-1, 0.2")
+    assert note.part == "lanes that do not meet"
+    assert note.detail.startswith("1 of 1 connections; worst 1.0.-1 to 2.0.-1, 0.2")
 
 
 @pytest.mark.parametrize(

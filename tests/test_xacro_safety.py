@@ -485,7 +485,7 @@ def test_environment_variables_are_read_only_if_they_are_listed(tmp_path, monkey
     urdf = render_xacro(file)
     assert "s3cret" not in urdf.text
     assert 'name="of its own"' in urdf.text
-    assert "is not read" in urdf.warnings[0]
+    assert "is not read" in urdf.warnings[0].text
     monkeypatch.setenv("MIRDRAKE_XACRO_ENV", "OTHER, SECRET")
     assert "s3cret" in render(tmp_path, '<link name="$(env SECRET)"/>')
 

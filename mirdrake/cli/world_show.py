@@ -8,7 +8,8 @@ from mirdrake.cli.common import add_param, add_set, world_overrides
 
 MORE = """\
 Red: props that overlap, are buried or float, each with a needle above. Green arrows: starts. Blue: goals. Violet: the
-paths of the vehicles of tests and rules. Keys: N names, C collision shapes, F faults, P paths; Escape or Ctrl-C ends.
+paths of the vehicles of tests and rules. A name that would cover another one at first is left out; names of faults and
+actors come first. Keys: N names, C collision shapes, F faults, P paths; Escape or Ctrl-C ends.
 Faults are printed as well. Exit codes: 0 shown, 2 the world cannot be laid out.
 
 examples:

@@ -25,10 +25,18 @@ class MirdrakeError(Exception):
     """Base of every error that mirdrake raises on purpose.
 
     Messages quote files and commands: characters that do not print are escaped, and long lines are cut.
+
+    Args:
+        text: the message without its place.
+        where: place, for example ``file:line``; the message begins with it.
+
+    Attributes:
+        text, where: as given, so that nobody reads them from the message.
     """
 
-    def __init__(self, *arguments: object) -> None:
-        super().__init__(*(_lines(item) if isinstance(item, str) else item for item in arguments))
+    def __init__(self, text: str = "", *, where: str = "") -> None:
+        self.text, self.where = _lines(text), where
+        super().__init__(_lines(f"{place_prefix(where)}{text}"))
 
     def _render_traceback_(self) -> list[str]:
         """Return the text that Jupyter shows: the line of the cell, and the message, without the frames of mirdrake."""
@@ -53,6 +61,7 @@ class ConfigError(MirdrakeError):
 
     Args:
         text: the message without its location.
+        where: the location as a text, instead of file, line and path.
         file: the file, or the override in its place; empty if it is not known.
         line: line in the file; None for an override, or if it is unknown.
         path: keys of the wrong entry.
@@ -60,7 +69,7 @@ class ConfigError(MirdrakeError):
         faults: the single errors, instead of all that.
 
     Attributes:
-        text, file, line, path, code: as given.
+        file, line, path, code: as given.
         faults: the single errors; the error itself if there is only one.
     """
 
@@ -68,17 +77,18 @@ class ConfigError(MirdrakeError):
         self,
         text: str = "",
         *,
+        where: str = "",
         file: str = "",
         line: int | None = None,
         path: Sequence[Hashable] = (),
         code: FaultCode = "",
         faults: Iterable["ConfigError"] = (),
     ) -> None:
-        self.text, self.file, self.line, self.path, self.code = text, file, line, tuple(path), code
+        self.file, self.line, self.path, self.code = file, line, tuple(path), code
         self.faults: tuple[ConfigError, ...] = tuple(part for fault in faults for part in fault.faults) or (self,)
         location = [file if line is None else f"{file}:{line}", dotted(path)]
         lines = [str(fault) for fault in self.faults if fault is not self]
-        super().__init__("\n".join(lines) or ": ".join([*filter(None, location), text]))
+        super().__init__("\n".join(lines) or text, where="" if lines else where or ": ".join(filter(None, location)))
 
 
 class ModelError(MirdrakeError):

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
+from mirdrake.core.drake_errors import mesh_fault
 from mirdrake.core.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -23,8 +24,8 @@ def hull_points(inspector: SceneGraphInspector, geometry: GeometryId) -> Array |
     try:
         hull = inspector.GetConvexHull(geometry)
     except RuntimeError as error:
-        reason = " ".join(str(error).split()).rpartition(": ")[2][:200]
-        raise ModelError(f"shape '{inspector.GetName(geometry)}': Drake cannot read its mesh: {reason}") from None
+        reason = f"Drake cannot read its mesh: {mesh_fault(str(error))}"
+        raise ModelError(reason, where=f"shape '{inspector.GetName(geometry)}'") from None
     return None if hull is None else np.array([hull.vertex(index) for index in range(hull.num_vertices())])
 
 

@@ -55,10 +55,10 @@ def read_xml_bytes(path: Path, *, largest: int, error: type[MirdrakeError], advi
     """
     try:
         if path.stat().st_size > largest:
-            raise error(f"{display_path(path)}: more than {largest // 1_000_000} MB of XML; {advice}")
+            raise error(f"more than {largest // 1_000_000} MB of XML; {advice}", where=display_path(path))
         return path.read_bytes()
     except OSError as fault:
-        raise error(f"{display_path(path)}: {fault.strerror or fault}") from None
+        raise error(str(fault.strerror or fault), where=display_path(path)) from None
 
 
 def parse_xml(
@@ -107,7 +107,7 @@ def parse_xml(
         # The name is from an untrusted file: it must not bring control characters into a terminal.
         shown_entity = printable(str(entity), "?")[:60]
         location = f"{name}:{parser.CurrentLineNumber}"
-        raise error(f"{location}: declares the XML entity '{shown_entity}'; write out its value")
+        raise error(f"declares the XML entity '{shown_entity}'; write out its value", where=location)
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
     # All three handlers, as an entity may be declared, external, or skipped by the parser.
@@ -118,9 +118,9 @@ def parse_xml(
         # The error is tolerated only if everything before it was a complete document.
         complete = bool(root) and not stack
         if not (text_after_root and complete and fault.code == _TEXT_AFTER_ROOT):
-            raise error(f"{name}:{fault.lineno}: not valid XML: {expat.ErrorString(fault.code)}") from None
+            raise error(f"not valid XML: {expat.ErrorString(fault.code)}", where=f"{name}:{fault.lineno}") from None
     except (ValueError, LookupError) as fault:  # an unknown encoding
-        raise error(f"{name}: not valid XML: {fault}") from None
+        raise error(f"not valid XML: {fault}", where=name) from None
     return XmlDocument(root[0], lines, name)
 
 

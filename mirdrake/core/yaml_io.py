@@ -55,6 +55,12 @@ def where(spec: Schema, *path: Hashable) -> str:
     return source.where(*path)
 
 
+def file_line(spec: Schema, *path: Hashable) -> str:
+    """Return ``file:line`` of a key of a loaded spec."""
+    source = spec._source or Source(type(spec).__name__, {})
+    return source.place(*path)
+
+
 # --- numbers with units ------------------------------------------------------------------------------------------
 
 _UNITS: dict[str, dict[str, float]] = {

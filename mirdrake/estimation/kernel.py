@@ -307,6 +307,8 @@ def predict(
             root[m, j] = array[m, j] if j <= m else 0.0
 
 
+# One passage over the arrays of `work`: its branches are loops over rows and columns, as compiled code should make no
+# temporary arrays; its paragraphs are the equations of the update in the docstring of the module, in their order.
 def update(
     law: LateralForce,
     flags: Records,

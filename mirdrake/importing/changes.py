@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
 
+from mirdrake.core.errors import ModelError
+
 LEFT_OUT = "left out"
 KEPT = "kept: please check"
 _PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
@@ -107,10 +109,9 @@ class Changes(list[Change]):
         """Append a change; see :class:`Change`."""
         self.append(Change(code, place, part, old, new, reason))
 
-    def add_fault(self, code: Code, error: Exception, part: str, old: str, new: str | None = None) -> None:
-        """Append a change whose place and reason are those of an error, ``file:line: reason``."""
-        place, _, reason = str(error).partition(": ")
-        self.add(code, place, part, old, new, reason)
+    def add_fault(self, code: Code, error: ModelError, part: str, old: str, new: str | None = None) -> None:
+        """Append a change whose place and reason are those of an error."""
+        self.add(code, error.where, part, old, new, error.text)
 
 
 def unusual(place: str, part: str, old: str, reason: str) -> Change:

@@ -46,7 +46,7 @@ def load_imported(file: Path, source: Path) -> World:
         return load_world(str(file))
     except (ConfigError, WorldError) as error:
         fault = without_folder(first_line(error), file.parent)
-        raise ModelError(f"{display_path(source)}:1: the imported world cannot be loaded: {fault}") from error
+        raise ModelError(f"the imported world cannot be loaded: {fault}", where=f"{display_path(source)}:1") from error
 
 
 def plain_name(name: str) -> str:

@@ -26,7 +26,7 @@ def read_numbers(text: str | None, *, count: int, default: Sequence[float], wher
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
         wanted = f"{count} finite numbers" if count > 1 else "a finite number"
-        raise ModelError(f"{where}: {what} '{' '.join(text.split())[:60]}' should be {wanted}{_template(text)}")
+        raise ModelError(f"{what} '{' '.join(text.split())[:60]}' should be {wanted}{_template(text)}", where=where)
     return np.array(values)
 
 
@@ -40,7 +40,7 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
         return None
     value = to_number(text)
     if value is None or math.isnan(value):
-        raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number{_template(text)}")
+        raise ModelError(f"{what} '{text.strip()[:60]}' should be a number{_template(text)}", where=where)
     return value
 
 

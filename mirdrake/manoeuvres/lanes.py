@@ -169,7 +169,7 @@ class CourseSpec(ManoeuvreSpec):
         try:
             line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
         except ConfigError as error:
-            raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
+            raise NotFeasible(error.text) from None
         # A quarter of the friction is left for transients and the load transfer.
         grip = 0.75 * min(facts.parameters.front_friction, facts.parameters.rear_friction) * GRAVITY
         return math.sqrt(grip / max(float(np.max(np.abs(line.curvature))), 1e-6))
@@ -232,7 +232,7 @@ class CourseSpec(ManoeuvreSpec):
                 stop=stop,
             )
         except ConfigError as error:
-            raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
+            raise NotFeasible(error.text) from None
         return record, self._room(facts, sections, record)
 
     def _room(self, facts: Facts, sections: list[Section], record: Record) -> list[float]:

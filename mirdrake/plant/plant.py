@@ -409,7 +409,8 @@ def add_vehicle(
         geometries = scene_graph.model_inspector().GetGeometries(frame, Role.kProximity)
         if len(geometries) != 1:
             raise ModelError(
-                f"{name}: link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one"
+                f"link '{joint.child_body().name()}' has {len(geometries)} collision shapes; a wheel needs one",
+                where=name,
             )
         material = scene_graph.model_inspector().GetProximityProperties(geometries[0])
         frictions.append(material.GetProperty("material", "coulomb_friction").dynamic_friction())

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, EventStatus, System
 from mirdrake.assembly.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.checks import checks_arguments
-from mirdrake.core.drake_errors import is_divergence
+from mirdrake.core.drake_errors import first_sentence, is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError, one_line
 from mirdrake.core.yaml_io import display_path
 from mirdrake.plant.wheels import RoadFriction
@@ -175,8 +175,7 @@ class Simulation:
             stop = Stop(StopReason.DIVERGED, str(error))
         except BaseException as error:  # a user's block may raise anything, SystemExit and GeneratorExit as well
             if _is_divergence(error):
-                line = str(error).strip().split(". ")[0].splitlines()[0]
-                stop = Stop(StopReason.DIVERGED, f"the solver failed: {line}")
+                stop = Stop(StopReason.DIVERGED, f"the solver failed: {first_sentence(str(error))}")
             else:
                 stop = Stop(StopReason.FAILED, _failure(error))
 

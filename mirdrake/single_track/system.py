@@ -21,6 +21,7 @@ from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
 from mirdrake.single_track.signals import FORCES, MOTION, STEERING
 
 
+# Its complexity is the sum of the methods of the class, which are short; the class must be made within the function.
 # Without a scope Drake looks for this module in the source of all frames of the stack, which takes 0.1 s.
 @TemplateSystem.define("SingleTrack_", scope=sys.modules[__name__])  # type: ignore[untyped-decorator, unused-ignore]
 def SingleTrack_(T: type) -> Any:  # noqa: N802

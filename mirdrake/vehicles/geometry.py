@@ -87,15 +87,17 @@ def measure_geometry(
         axis, _ = axis_and_centre(joint)
         if abs(axis[1] - 1.0) > TOLERANCE:
             raise ModelError(
-                f"{where(joint.name())}: wheel joint '{joint.name()}' turns about {_shown(axis)} of "
-                f"'{spec.base_link}'; it must be 0 1 0, so that a positive speed rolls forward"
+                f"wheel joint '{joint.name()}' turns about {_shown(axis)} of "
+                f"'{spec.base_link}'; it must be 0 1 0, so that a positive speed rolls forward",
+                where=where(joint.name()),
             )
     for joint in kingpins:
         axis, _ = axis_and_centre(joint)
         if abs(axis[2] - 1.0) > TOLERANCE:
             raise ModelError(
-                f"{where(joint.name())}: steering joint '{joint.name()}' turns about {_shown(axis)} of "
-                f"'{spec.base_link}'; it must be 0 0 1, so that a positive angle turns left"
+                f"steering joint '{joint.name()}' turns about {_shown(axis)} of "
+                f"'{spec.base_link}'; it must be 0 0 1, so that a positive angle turns left",
+                where=where(joint.name()),
             )
     # One number describes both sides of an axle, so the sides must be mirror images.
     p_BW = np.array([axis_and_centre(joint)[1] for joint in wheels])
@@ -109,13 +111,14 @@ def measure_geometry(
         radius = sizes[i // 2][0]
         if abs(z - radius) > TOLERANCE:
             raise ModelError(
-                f"{where(joint.name())}: wheel of '{joint.name()}' has its centre {z:.4f} m above '{spec.base_link}' "
-                f"but a radius of {radius:.4f} m; '{spec.base_link}' should lie on the road"
+                f"wheel of '{joint.name()}' has its centre {z:.4f} m above '{spec.base_link}' "
+                f"but a radius of {radius:.4f} m; '{spec.base_link}' should lie on the road",
+                where=where(joint.name()),
             )
         if i >= 2 and abs(x) > TOLERANCE:
             raise ModelError(
-                f"{where(joint.name())}: rear wheel '{joint.name()}' is at x = {x:.4f} m; "
-                f"'{spec.base_link}' should lie below the rear axle"
+                f"rear wheel '{joint.name()}' is at x = {x:.4f} m; '{spec.base_link}' should lie below the rear axle",
+                where=where(joint.name()),
             )
     limit, rate = _steering_limits(kingpins, where)
     return VehicleGeometry(
@@ -138,14 +141,16 @@ def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable
     left, right = points
     if left[1] <= right[1]:
         raise ModelError(
-            f"{where(joints[0].name())}: '{joints[0].name()}' lies to the right of '{joints[1].name()}'; exchange them"
+            f"'{joints[0].name()}' lies to the right of '{joints[1].name()}'; exchange them",
+            where=where(joints[0].name()),
         )
     # The mirror plane is y = 0 of base_link.
     mirrored = right * np.array([1.0, -1.0, 1.0])
     if np.abs(left - mirrored).max() > TOLERANCE:
         raise ModelError(
-            f"{where(joints[0].name())}: '{joints[0].name()}' at {_shown(left)} m and '{joints[1].name()}' at "
-            f"{_shown(right)} m are not mirror images within 1 mm"
+            f"'{joints[0].name()}' at {_shown(left)} m and '{joints[1].name()}' at "
+            f"{_shown(right)} m are not mirror images within 1 mm",
+            where=where(joints[0].name()),
         )
 
 
@@ -164,16 +169,18 @@ def _measure_axle(
         sized = [size for size in sizes_of_shapes if size is not None]
         if not sized:
             raise ModelError(
-                f"{where(joint.name())}: wheel '{body.name()}' has no collision shape that is round about its axis; "
-                "give it a cylinder about y"
+                f"wheel '{body.name()}' has no collision shape that is round about its axis; "
+                "give it a cylinder about y",
+                where=where(joint.name()),
             )
         # The largest shape touches the road; smaller ones, such as a hub, are inside it.
         sizes.append(max(sized))
     low, high = np.min(sizes, axis=0), np.max(sizes, axis=0)
     if high[0] - low[0] > TOLERANCE:
         raise ModelError(
-            f"{where(wheels[0].name())}: '{wheels[0].name()}' and '{wheels[1].name()}' turn wheels of different "
-            f"radius, {low[0]:.4f} and {high[0]:.4f} m; make the wheels of an axle alike"
+            f"'{wheels[0].name()}' and '{wheels[1].name()}' turn wheels of different "
+            f"radius, {low[0]:.4f} and {high[0]:.4f} m; make the wheels of an axle alike",
+            where=where(wheels[0].name()),
         )
     return float(high[0]), float(high[1])
 
@@ -202,8 +209,9 @@ def _steering_limits(kingpins: list[RevoluteJoint], where: Callable[[str], str])
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
         if not -math.pi / 2 < low < 0.0 < high < math.pi / 2:
             raise ModelError(
-                f"{where(joint.name())}: steering joint '{joint.name()}' is limited to {low:g} … {high:g} rad; "
-                "it needs a limit on each side of zero, below pi/2"
+                f"steering joint '{joint.name()}' is limited to {low:g} … {high:g} rad; "
+                "it needs a limit on each side of zero, below pi/2",
+                where=where(joint.name()),
             )
     # The smaller side counts, since a limit is one number for left and right.
     limit = min(min(joint.position_upper_limit(), -joint.position_lower_limit()) for joint in kingpins)

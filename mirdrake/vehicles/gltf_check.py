@@ -49,9 +49,9 @@ def check_gltf(path: Path, at: str) -> None:
             if address and not address.startswith("data:") and not _beside(path, address).is_file()
         ]
     except (ValueError, AttributeError, TypeError, OSError, RecursionError) as error:
-        raise ModelError(f"{at}: not a glTF file: {_plain(error)}") from None
+        raise ModelError(f"not a glTF file: {_plain(error)}", where=at) from None
     if missing:
-        raise ModelError(f"{at}: it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}")
+        raise ModelError(f"it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}", where=at)
     # Values of a wrong type raise errors of every kind below, which all mean a broken file.
     try:
         _check_constants(content)
@@ -59,9 +59,9 @@ def check_gltf(path: Path, at: str) -> None:
         _check_nodes(content)
         _check_data(content, path)
     except KeyError as error:
-        raise ModelError(f"{at}: broken glTF file: {error} is missing") from None
+        raise ModelError(f"broken glTF file: {error} is missing", where=at) from None
     except (ValueError, AttributeError, TypeError, OSError, IndexError) as error:
-        raise ModelError(f"{at}: broken glTF file: {_plain(error)}") from None
+        raise ModelError(f"broken glTF file: {_plain(error)}", where=at) from None
 
 
 def _finite(text: str) -> float:

@@ -83,7 +83,9 @@ def _twice(urdf: Urdf) -> Iterator[MirdrakeError]:
         for element in urdf.root.findall(kind):
             name = element.get("name", "")
             if name in first:
-                yield ModelError(f"{urdf.where(element)}: {kind} '{name}' exists already, at {urdf.where(first[name])}")
+                yield ModelError(
+                    f"{kind} '{name}' exists already, at {urdf.where(first[name])}", where=urdf.where(element)
+                )
             first.setdefault(name, element)
 
 
@@ -116,14 +118,14 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
             try:
                 package, path = _mesh_file(address, folder, packages, location)
                 if not path.is_file():
-                    raise ModelError(f"{location}: no such file: {path}")
+                    raise ModelError(f"no such file: {path}", where=location)
                 # VTK may crash on a broken file; each file is read once.
                 if path.suffix == ".gltf" and path not in seen:
                     seen.add(path)
                     check_gltf(path, location)
                 if path.suffix.lower() not in formats:
                     if role == "collision":
-                        raise ModelError(f"{location}: Drake reads {', '.join(formats)}; convert it")
+                        raise ModelError(f"Drake reads {', '.join(formats)}; convert it", where=location)
                     warnings.append(f"{location}: cameras see {' and '.join(formats)} only; convert it")
             except ModelError as fault:
                 faults.append(str(fault))
@@ -145,12 +147,12 @@ def _mesh_file(address: str, folder: Path, packages: Mapping[str, str], at: str)
         if address.startswith(scheme):
             package, _, rest = address.removeprefix(scheme).partition("/")
             if package not in packages:
-                raise ModelError(f"{at}: unknown package '{package}'; {did_you_mean(package, packages)}")
+                raise ModelError(f"unknown package '{package}'; {did_you_mean(package, packages)}", where=at)
             return "", Path(packages[package]) / rest
     if address.startswith("file://"):
         return "", Path(address.removeprefix("file://"))
     if "://" in address:
-        raise ModelError(f"{at}: give a path below the vehicle's folder, or package://<package>/<path>")
+        raise ModelError("give a path below the vehicle's folder, or package://<package>/<path>", where=at)
     if Path(address).is_absolute():
         return "", Path(address)
     # The first package is the vehicle's own.
@@ -181,7 +183,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     if mass is None or not 0.0 < mass < math.inf:
         given = "no mass" if mass is None else f"mass {mass:g} kg"
         raise ModelError(
-            f"{location}: {given}; it should be above zero (leave <inertial> out for a frame on a fixed joint)"
+            f"{given}; it should be above zero (leave <inertial> out for a frame on a fixed joint)", where=location
         )
     # Products of inertia default to 0 in URDF, moments have to be stated.
     inertia = inertial.find("inertia")
@@ -189,7 +191,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     products = {key: number("0" if inertia is None else inertia.get(key, "0")) for key in ("ixy", "ixz", "iyz")}
     for key, value in (values | products).items():
         if not math.isfinite(value):
-            raise ModelError(f"{location}: {key} is not a number")
+            raise ModelError(f"{key} is not a number", where=location)
     tensor = np.array(
         [
             [values["ixx"], products["ixy"], products["ixz"]],
@@ -201,12 +203,13 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     small, middle, large = np.linalg.eigvalsh(tensor)
     shown = f"{small:.6g}, {middle:.6g}, {large:.6g} kg m²"
     if small <= 0.0:
-        raise ModelError(f"{location}: principal moments of inertia {shown}; all should be above zero")
+        raise ModelError(f"principal moments of inertia {shown}; all should be above zero", where=location)
     # For a thin plate the largest moment is exactly the sum of the others; the tolerance is for its rounding errors.
     if small + middle < large * (1.0 - 1e-9):
         raise ModelError(
-            f"{location}: principal moments of inertia {shown} break the triangle inequality "
-            f"({small:.6g} + {middle:.6g} < {large:.6g}); no body has them"
+            f"principal moments of inertia {shown} break the triangle inequality "
+            f"({small:.6g} + {middle:.6g} < {large:.6g}); no body has them",
+            where=location,
         )
 
 
@@ -231,7 +234,7 @@ def _massless(
     for name, link in links.items():
         if name not in parent_of and name != "world" and mass[name] == 0.0:
             yield ModelError(
-                f"{urdf.where(link)}: link '{name}' moves but has no mass; give it an <inertial> or a fixed joint"
+                f"link '{name}' moves but has no mass; give it an <inertial> or a fixed joint", where=urdf.where(link)
             )
 
 
@@ -253,8 +256,8 @@ def _unconnected(
     for name, link in links.items():
         if name not in reached:
             yield ModelError(
-                f"{urdf.where(link)}: link '{name}' is not connected; add a joint that leads to it from "
-                f"'{spec.base_link}'"
+                f"link '{name}' is not connected; add a joint that leads to it from '{spec.base_link}'",
+                where=urdf.where(link),
             )
 
 
@@ -284,15 +287,17 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
             used[name] = ".".join(path)
             joint = joints[name]
             if (given := joint.get("type")) != kind:
-                yield ModelError(f"{urdf.where(joint)}: joint '{name}' is {given}; as {used[name]} it should be {kind}")
+                yield ModelError(
+                    f"joint '{name}' is {given}; as {used[name]} it should be {kind}", where=urdf.where(joint)
+                )
     # Suspension joints have springs instead of actuators.
     actuated = {joint.get("name") for joint in urdf.root.findall("transmission/joint")}
     for name in (name for name in used if not used[name].startswith("joints.suspension")):
         location, effort = urdf.where(joints[name]), _effort(joints[name])
         if name not in actuated:
-            yield ModelError(f"{location}: joint '{name}' has no <transmission>, so nothing can move it; add one")
+            yield ModelError(f"joint '{name}' has no <transmission>, so nothing can move it; add one", where=location)
         if effort is not None and not effort > 0.0:
-            yield ModelError(f"{location}: joint '{name}' has effort limit {effort:g} N m; it should be above zero")
+            yield ModelError(f"joint '{name}' has effort limit {effort:g} N m; it should be above zero", where=location)
 
 
 def check_actuators(
@@ -314,7 +319,7 @@ def check_actuators(
         if actuated.count(name) != 1:
             reason = f" ({'; '.join(warnings)})" if warnings else ""
             raise ModelError(
-                f"{where(name)}: joint '{name}' has {actuated.count(name)} actuators; it needs one{reason}"
+                f"joint '{name}' has {actuated.count(name)} actuators; it needs one{reason}", where=where(name)
             )
 
 
@@ -340,6 +345,7 @@ def _weak_joints(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         brake = spec.brakes.max_torque * (share if wheel.startswith("front") else 1.0 - share) / 2.0
         if effort < (drive + brake) * (1.0 - 1e-6):
             yield ModelError(
-                f"{urdf.where(joints[name])}: joint '{name}' is limited to {effort:.6g} N m; vehicle.yaml asks for "
-                f"{drive + brake:.6g} N m at the {wheel} wheel (drive {spec.drive}: {drive:.6g}, brake {brake:.6g})"
+                f"joint '{name}' is limited to {effort:.6g} N m; vehicle.yaml asks for "
+                f"{drive + brake:.6g} N m at the {wheel} wheel (drive {spec.drive}: {drive:.6g}, brake {brake:.6g})",
+                where=urdf.where(joints[name]),
             )

@@ -99,18 +99,20 @@ def check_numbers(urdf: Urdf) -> None:
             values = [number(word) for word in text.split()]
             if len(values) != count or not all(map(fits, values)):
                 expected = f"{count} finite numbers" if count > 1 else "a finite number"
-                raise ModelError(f"{_at(urdf, element)} {attribute} '{text}' should be {expected}{_MEANING[fits]}")
+                raise ModelError(
+                    f"{_tag(element)} {attribute} '{text}' should be {expected}{_MEANING[fits]}",
+                    where=urdf.where(element),
+                )
     # NaN counts as true, so this finds zero vectors only; other faults are reported above.
     for axis in urdf.root.iter("axis"):
         if not any(number(word) for word in axis.get("xyz", "1 0 0").split()):
-            raise ModelError(f"{_at(urdf, axis)} xyz '{axis.get('xyz')}' has no direction")
+            raise ModelError(f"{_tag(axis)} xyz '{axis.get('xyz')}' has no direction", where=urdf.where(axis))
     for limit in urdf.root.iter("limit"):
         # Only one of the limits may be given.
         low, high = (number(limit.get(key, default)) for key, default in (("lower", "-inf"), ("upper", "inf")))
         if low > high:
-            raise ModelError(f"{_at(urdf, limit)} lower {low:g} is above upper {high:g}")
+            raise ModelError(f"{_tag(limit)} lower {low:g} is above upper {high:g}", where=urdf.where(limit))
 
 
-def _at(urdf: Urdf, element: ElementTree.Element) -> str:
-    """Return ``file:line: <tag>`` of an element."""
-    return f"{urdf.where(element)}: <{element.tag.replace(_DRAKE, 'drake:')}>"
+def _tag(element: ElementTree.Element) -> str:
+    return f"<{element.tag.replace(_DRAKE, 'drake:')}>"

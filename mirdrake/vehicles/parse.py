@@ -10,10 +10,10 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from mirdrake.core.drake_errors import urdf_fault
 from mirdrake.core.errors import ModelError
 
 _HINT = re.compile(r'(<drake:mesh_resolution_hint value=")([0-9.eE+-]+)(")')
-_LINE = re.compile(r"<literal-string>\.urdf:(\d+):\s*")
 
 
 def make_package_map(packages: Mapping[str, str]) -> PackageMap:
@@ -48,11 +48,9 @@ def parse_urdf(
     parser = Parser(plant)
     parser.package_map().AddMap(make_package_map(packages))
 
-    def placed(message: str) -> str:
-        match = _LINE.search(message)
-        location = where_line(int(match.group(1)) if match else 0)
-        fault = re.sub(r"^(warning|error):\s*", "", _LINE.sub("", message))
-        return f"{location}: {' '.join(fault.split())}"
+    def placed(message: str) -> ModelError:
+        line, reason = urdf_fault(message)
+        return ModelError(reason, where=where_line(line))
 
     # Drake reports some faults as warnings only; they are returned with their line.
     with drake_log() as messages:
@@ -60,8 +58,8 @@ def parse_urdf(
             parser.AddModelsFromString(_coarse(text), "urdf")
             plant.Finalize()
         except (Exception, SystemExit) as error:  # a failed assertion in Drake arrives as SystemExit
-            raise ModelError(placed(str(error))) from None
-    return plant, scene_graph, tuple(dict.fromkeys(placed(message) for message in messages))
+            raise placed(str(error)) from None
+    return plant, scene_graph, tuple(dict.fromkeys(str(placed(message)) for message in messages))
 
 
 def _coarse(text: str) -> str:

@@ -60,8 +60,9 @@ def find_suspension_faults(
             name, kind = joint.get("name", ""), joint.get("type", "")
             if name != spring and name not in roles and kind != "fixed":
                 yield ModelError(
-                    f"{urdf.where(joint)}: joint '{name}' is {kind} and carries the {wheel} wheel, but has no role; "
-                    f"name it in vehicle.yaml under joints.suspension.{wheel}, or make it fixed"
+                    f"joint '{name}' is {kind} and carries the {wheel} wheel, but has no role; "
+                    f"name it in vehicle.yaml under joints.suspension.{wheel}, or make it fixed",
+                    where=urdf.where(joint),
                 )
         if spring is not None and spring in joints and joints[spring] not in chain:
             location = where_in(spec, "joints", "suspension", wheel)
@@ -112,15 +113,17 @@ def measure_spring_loads(
         if abs(axis[2] - 1.0) > TOLERANCE:
             shown = " ".join(f"{value:.4g}" for value in np.where(np.abs(axis) < 1e-9, 0.0, axis))
             raise ModelError(
-                f"{location}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
-                "it should be 0 0 1, so that a positive travel lifts the wheel"
+                f"suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
+                "it should be 0 0 1, so that a positive travel lifts the wheel",
+                where=location,
             )
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
         # The design position is travel zero, which has to be within the limits.
         if not -math.inf < low < 0.0 < high < math.inf:
             raise ModelError(
-                f"{location}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
-                "it needs the rebound travel below zero and the bump travel above"
+                f"suspension joint '{name}' is limited to {low:g} … {high:g} m; "
+                "it needs the rebound travel below zero and the bump travel above",
+                where=location,
             )
         # A spring carries neither its wheel nor its knuckle: their weight is subtracted from the load of the wheel.
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
@@ -131,8 +134,9 @@ def measure_spring_loads(
         load = axle * side - unsprung
         if load <= 0.0:
             raise ModelError(
-                f"{location}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
-                f"{unsprung:.4g} N of unsprung weight; move the centre of mass, or make the wheel lighter"
+                f"the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
+                f"{unsprung:.4g} N of unsprung weight; move the centre of mass, or make the wheel lighter",
+                where=location,
             )
         loads.append(load)
     return tuple(loads)

@@ -187,7 +187,7 @@ def make_vehicle(
         urdf=text,
         geometry=geometry,
         packages=packages,
-        warnings=(*urdf.warnings, *mesh_warnings, *drake_warnings),
+        warnings=(*map(str, urdf.warnings), *mesh_warnings, *drake_warnings),
         spring_loads=measure_spring_loads(plant, spec=spec, geometry=geometry, where=place),
         link_places={link.get("name", ""): urdf.where(link) for link in urdf.root.findall("link")},
     )

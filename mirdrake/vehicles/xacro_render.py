@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 from unittest import mock
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -73,6 +73,16 @@ LONGEST_MESSAGE = 400
 _PACKAGE_FOLDERS = {"urdf", "xacro", "robots", "robot", "description", "models", "model", "launch", "config", "params"}
 
 
+class Warned(NamedTuple):
+    """A warning of an expansion, with its place as ``file:line``."""
+
+    where: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.text}"
+
+
 @dataclass(frozen=True)
 class Urdf:
     """An expanded model.
@@ -90,7 +100,7 @@ class Urdf:
     places: Mapping[int, Place]
     lines: Mapping[ElementTree.Element, int]
     files: tuple[Path, ...]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Warned, ...] = ()
 
     def where(self, element: ElementTree.Element) -> str:
         """Return ``file:line`` of an element in its source."""
@@ -114,7 +124,7 @@ class _Expansion:
     used: dict[str, Place] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     cursor: int | None = None
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Warned] = field(default_factory=list)
     find: Callable[[str], Path | None] | None = None
     packages: list[Path] = field(default_factory=list)
     began: float = field(default_factory=time.thread_time)
@@ -128,17 +138,19 @@ class _Expansion:
         """Raise an error when the time of the expansion is over."""
         # Processor time of this thread: a busy machine must not reject a valid file.
         if time.thread_time() - self.began > SECONDS:
-            raise ModelError(f"{self.where()}: the expansion takes more than {SECONDS:g} s of processor time")
+            raise ModelError(f"the expansion takes more than {SECONDS:g} s of processor time", where=self.where())
 
     def count(self, *, elements: int = 0, characters: int = 0) -> None:
         """Raise an error when the expansion gets too large."""
         self.tick()
         self.elements, self.characters = self.elements + elements, self.characters + characters
         if self.elements > ELEMENTS:
-            raise ModelError(f"{self.where()}: more than {ELEMENTS} elements; does a macro call itself without an end?")
+            raise ModelError(
+                f"more than {ELEMENTS} elements; does a macro call itself without an end?", where=self.where()
+            )
         if self.characters > TEXT or characters > LARGEST:
             raise ModelError(
-                f"{self.where()}: too much text: a value of {LARGEST} characters, {TEXT} in all are allowed"
+                f"too much text: a value of {LARGEST} characters, {TEXT} in all are allowed", where=self.where()
             )
 
     def missing(self) -> dict[str, Place]:
@@ -171,7 +183,7 @@ class _Expansion:
             problem = (error.strerror or "cannot be read") if path.exists() else "no such file"
         if problem:
             prefix = f"{self.where()}: include: " if self.files else ""
-            raise ModelError(f"{prefix}{name}: {problem}")
+            raise ModelError(problem, where=f"{prefix}{name}")
 
         # The own parser knows the line of each element; minidom gives the tree that xacro needs.
         self.files.append(path)
@@ -180,7 +192,9 @@ class _Expansion:
         try:
             document = xml.dom.minidom.parseString(data)
         except expat.ExpatError as error:  # undeclared name space prefixes
-            raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+            raise ModelError(
+                f"not valid XML: {expat.ErrorString(error.code)}", where=f"{name}:{error.lineno}"
+            ) from None
         # Arguments are found in the text, since xacro reports the first missing one only.
         for number, words in enumerate(data.decode("utf-8", errors="replace").splitlines(), start=1):
             for match in _USED.finditer(words):
@@ -272,7 +286,7 @@ class _Expansion:
         folder = self.find(package) if self.find is not None else None
         if folder is None and self.find is not None:
             hint = f"give its folder with --package {package}=DIR"
-            raise ModelError(f"{self.where()}: package '{package}' is not found; {hint}")
+            raise ModelError(f"package '{package}' is not found; {hint}", where=self.where())
         if folder is None:
             text = f"$(find {package}): ROS packages are not available; give a path relative to this file"
             raise xacro.XacroException(text)
@@ -294,7 +308,7 @@ class _Expansion:
         if default is None:
             raise xacro.XacroException(f"environment variable '{printable(name)}' {reason}")
         if name not in allowed and name in os.environ:
-            self.warnings.append(f"{self.where()}: environment variable '{printable(name)}' {reason}")
+            self.warnings.append(Warned(self.where(), f"environment variable '{printable(name)}' {reason}"))
         return default
 
 
@@ -335,16 +349,18 @@ class MissingArgumentsError(ModelError):
     """Xacro arguments without value and without default.
 
     Attributes:
+        places: name -> file and line.
         arguments: name -> ``file:line``.
     """
 
     def __init__(self, arguments: Mapping[str, Place]) -> None:
+        self.places = dict(arguments)
         self.arguments = {name: f"{file}:{line}" for name, (file, line) in arguments.items()}
         first = next(iter(self.arguments.values()))
         # The place of the first argument is at the beginning.
         names = ", ".join(name + (f" ({place})" if place != first else "") for name, place in self.arguments.items())
         options = " ".join(f"--argument {name}=VALUE" for name in self.arguments)
-        super().__init__(f"{first}: xacro arguments without value: {names}; give them with {options}")
+        super().__init__(f"xacro arguments without value: {names}; give them with {options}", where=first)
 
 
 def render_xacro(
@@ -403,14 +419,14 @@ def _expand(path: Path, given: Mapping[str, str], defaults: Mapping[str, str], w
             missing = note.missing()
             if missing and ("argument" in str(error) or "'default'" in str(error)):
                 raise MissingArgumentsError(missing) from None
-            raise ModelError(f"{note.where()}: {_one_line(error)}") from None
+            raise ModelError(_one_line(error), where=note.where()) from None
         except ModelError:
             raise
         except Exception as error:
             # Python errors of expressions reach this point without the position, which the note has.
             if note.required and "'default'" in str(error):
                 raise MissingArgumentsError(note.required) from None
-            raise ModelError(f"{note.where()}: xacro: {_one_line(error)}") from None
+            raise ModelError(f"xacro: {_one_line(error)}", where=note.where()) from None
     _check_arguments(given, note, where)
     return _finish(document, note)
 
@@ -418,8 +434,10 @@ def _expand(path: Path, given: Mapping[str, str], defaults: Mapping[str, str], w
 def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> None:
     for name in given:
         if name not in note.arguments and name not in note.used:
-            prefix = f"{where}: " if where else f"{display_path(note.files[0])}: "
-            raise ModelError(f"{prefix}unknown argument '{printable(name)}'; {did_you_mean(name, note.arguments)}")
+            raise ModelError(
+                f"unknown argument '{printable(name)}'; {did_you_mean(name, note.arguments)}",
+                where=where or display_path(note.files[0]),
+            )
 
 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
@@ -432,7 +450,9 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
             last = note.places[int(node.getAttribute(_AT))]
             node.removeAttribute(_AT)
         if node.tagName.startswith("xacro:"):
-            raise ModelError(f"{last[0]}:{last[1]}: '<{node.tagName}>' was not expanded: no such xacro tag or macro")
+            raise ModelError(
+                f"'<{node.tagName}>' was not expanded: no such xacro tag or macro", where=f"{last[0]}:{last[1]}"
+            )
         places.append(last)
     _drop_space_and_comments(root_node)
     text: str = root_node.toprettyxml(indent="  ")
@@ -454,7 +474,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         load_yaml=note.read_yaml,
         abs_filename=xacro.abs_filename_spec,
         argument=lambda name: arguments["arg"][name],
-        warn=lambda text: note.warnings.append(f"{note.where()}: {text}"),
+        warn=lambda text: note.warnings.append(Warned(note.where(), text)),
         tick=note.tick,
         origin=note.origin,
     )
@@ -471,7 +491,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         if node.tagName.startswith("xacro:"):
             _take(node)
         if len(xacro.macrostack) > MACROS:
-            raise ModelError(f"{note.where()}: more than {MACROS} macros within one another; does one call itself?")
+            raise ModelError(f"more than {MACROS} macros within one another; does one call itself?", where=note.where())
         return handle_macro_call(node, *rest)
 
     def noted_eval_all(node: Any, *rest: Any) -> Any:
@@ -525,7 +545,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
             node.removeAttribute(_AT)
 
     def warning(*texts: Any, **_: Any) -> None:
-        note.warnings.append(f"{note.where()}: {' '.join(map(str, texts))}")
+        note.warnings.append(Warned(note.where(), " ".join(map(str, texts))))
 
     # All replacements are undone together, also after an error, because xacro is shared by the whole process.
     limit = sys.getrecursionlimit()

@@ -186,6 +186,12 @@ def content_bounds(world: World) -> tuple[Array, Array]:
 
 def overlook(meshcat: Meshcat, world: World) -> None:
     """Place the camera above the south side of a world, as near as everything stays in view."""
+    eye, target = overview(world)
+    meshcat.SetCameraPose(eye.tolist(), target.tolist())
+
+
+def overview(world: World) -> tuple[Array, Array]:
+    """Return the position of the camera of :func:`overlook`, and the point that it looks at [m]."""
     low, high = content_bounds(world)
     middle, (long, wide) = 0.5 * (low + high), np.maximum(0.5 * (high - low), 4.0).tolist()
     corners = np.array([[sx * long, sy * wide, z] for sx in (-1, 1) for sy in (-1, 1) for z in (0.0, 4.0)])
@@ -195,7 +201,7 @@ def overlook(meshcat: Meshcat, world: World) -> None:
     limit = 0.88 * math.tan(0.5 * _FIELD_OF_VIEW)
     distance = float((near + np.maximum(np.abs(up) / limit, np.abs(corners[:, 0]) / (limit * _ASPECT))).max())
     x, y = middle.tolist()
-    meshcat.SetCameraPose([x, y - c * distance, s * distance], [x, y, 0.0])
+    return np.array([x, y - c * distance, s * distance]), np.array([x, y, 0.0])
 
 
 class ChaseCamera:

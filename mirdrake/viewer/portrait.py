@@ -193,14 +193,7 @@ def _add_renderer(scene_graph: SceneGraph, world: World) -> None:
     # The renderer mixes the colours at edges, so what is behind them has the colour of the sky there.
     _, horizon = _sky_edges(world)
     params = RenderEngineVtkParams(lights=_lights(world), default_clear_color=horizon.tolist(), force_to_pbr=True)
-    try:
-        add_renderer(scene_graph, "portrait", params)
-    except MissingDependencyError as error:
-        reason = str(error).partition("(")[2].partition(")")[0]
-        raise MissingDependencyError(
-            f"a portrait needs EGL to render ({reason}): install your system's EGL and Mesa drivers "
-            "(Debian: apt install libegl1 libgl1-mesa-dri)"
-        ) from None
+    add_renderer(scene_graph, "portrait", params, needs="a portrait needs", instead="")
 
 
 def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:

@@ -5,16 +5,13 @@ In the scene tree, below ``drake``, are ``visualizer`` (visual shapes), ``collis
 """
 
 import contextlib
-import io
 import math
 
 import numpy as np
 import shapely
-from pydrake.common import MemoryFile
 from pydrake.geometry import (
     Box,
     Cylinder,
-    InMemoryMesh,
     Mesh,
     Meshcat,
     MeshcatCone,
@@ -28,12 +25,18 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.meshes import Primitive, gltf_text, pbr_material
 from mirdrake.plant.actors import add_actors, fix_at_start
 from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.controls import LayerButtons, follow_controls
-from mirdrake.viewer.meshcat import WORLD_PATH, content_bounds, make_meshcat, make_offline_meshcat, overlook
-from mirdrake.viewer.pages import data_address
+from mirdrake.viewer.labels import Label, apart
+from mirdrake.viewer.meshcat import (
+    WORLD_PATH,
+    content_bounds,
+    make_meshcat,
+    make_offline_meshcat,
+    overlook,
+    overview,
+)
 from mirdrake.viewer.vehicle_view import SHAPE_COLOUR
 from mirdrake.world_checks import Examination, Fault
 from mirdrake.world_checks.paths import goal_area
@@ -51,7 +54,6 @@ _RED, _GREEN, _BLUE, _VIOLET, _MAGENTA = (
     Rgba(0.93, 0.20, 0.60, 0.9),
 )
 _MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
-_MOST_NAMES = 400  # labels; more of them cannot be read, and are slow
 _PEOPLE, _PERSON = {"pedestrian", "cyclist"}, 0.02  # least height of their symbol over the size of the world
 _RIBBON = 0.15  # [m] width of a path
 
@@ -68,7 +70,7 @@ class WorldView:
 
     def __init__(self, meshcat: Meshcat, check: Examination, *, collision: bool = False, names: bool = True) -> None:
         assert check.world is not None
-        self._meshcat, self.world = meshcat, check.world
+        self._meshcat, self.world, self._faults = meshcat, check.world, check.faults
         low, high = content_bounds(check.world)
         # Small worlds still get labels and arrows of a size that can be read.
         self._size = max(float((high - low).max()), 8.0)
@@ -124,10 +126,13 @@ class WorldView:
             self._meshcat.SetTransform(path, X_WB)
 
     def _draw_names(self) -> None:
-        """Draw a label above each prop and actor, tilted towards the camera in the south, and symbols of people."""
+        """Draw labels above props and actors, and symbols of people."""
         world = self.world
         actors = [actor.placed(*world.actor_start(actor)) for actor in world.actors]
-        for placed in [*world.props, *actors][:_MOST_NAMES]:
+        faulty = {name for fault in self._faults for name in fault.names}
+        eye, target = overview(world)
+        labels: list[tuple[tuple[bool, bool, float], Label]] = []
+        for index, placed in enumerate([*actors, *world.props]):
             xmin, ymin, xmax, ymax = placed.footprint.bounds
             x, y, top = 0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0)
             if placed.prop.name in _PEOPLE and top < _PERSON * self._size:
@@ -135,10 +140,15 @@ class WorldView:
                 self._draw_person(placed.name, x, y, top)
             # Readable in large worlds, but not larger than the prop is wide.
             height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.014 * self._size), 0.026 * self._size)
-            path = _path("names", placed.name)
-            self._meshcat.SetObject(path, Mesh(_label(placed.name), height))
-            position = [x, y, top + 0.7 * height]
-            self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), position))
+            label = Label(placed.name, (x, y, top + 0.7 * height), height)
+            distance = float(np.linalg.norm(eye - label.position))
+            labels.append(((placed.name not in faulty, index >= len(actors), distance), label))
+        # Names of faults first, then actors, then what is nearest to the camera.
+        labels.sort(key=lambda item: item[0])
+        for label in apart((label for _, label in labels), eye, target):
+            path = _path("names", label.text)
+            self._meshcat.SetObject(path, Mesh(label.mesh(), label.height))
+            self._meshcat.SetTransform(path, label.X_WL)
 
     def _draw_person(self, name: str, x: float, y: float, height: float) -> None:
         """Draw the symbol of a person, which is visible from far away: a cone and a head."""
@@ -233,32 +243,3 @@ def show_examination(
 
 def _path(*names: str) -> str:
     return "/".join((WORLD_PATH, *names))
-
-
-def _label(text: str) -> InMemoryMesh:
-    """Return a text on white as a glTF mesh of 1 m height, in the x-z plane, facing -y; Meshcat has no texts."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    font = ImageFont.load_default(size=40)
-    # Eight colours are enough for smooth edges and keep the picture small.
-    left, top, right, bottom = font.getbbox(text)
-    width, height = int(right - left) + 28, 60
-    image = Image.new("RGB", (width, height), (255, 255, 255))
-    ImageDraw.Draw(image).text(
-        (14 - left, 0.5 * (height - (bottom - top)) - top), text, fill=(0, 0, 0), font=font, stroke_width=1
-    )
-    picture = io.BytesIO()
-    image.quantize(8).save(picture, "PNG", optimize=True)
-    # Height 1 m, so that the scale of the mesh is the height of the text.
-    half = 0.5 * width / height
-    corners = np.array([[-half, 0.0, -0.5], [half, 0.0, -0.5], [half, 0.0, 0.5], [-half, 0.0, 0.5]])
-    paper = pbr_material((0.0, 0.0, 0.0, 1.0), roughness=1.0)  # emission has no shading
-    paper |= {
-        "emissiveTexture": {"index": 0},
-        "emissiveFactor": [1.0, 1.0, 1.0],
-        "doubleSided": True,
-    }  # without shading
-    triangles, uv = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint16), np.array([[0, 1], [1, 1], [1, 0], [0, 0]])
-    plate = Primitive(corners, np.tile([0.0, -1.0, 0.0], (4, 1)), triangles, paper, uv=uv)
-    document = gltf_text([plate], images=[data_address(picture.getvalue(), "image/png")])
-    return InMemoryMesh(mesh_file=MemoryFile(document, ".gltf", f"label {text}"))

@@ -92,8 +92,7 @@ def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]])
             continue
         gap = max(0.0, near.gap(a, b))
         if gap < rules.min_gap - LEAST_DEPTH:
-            rule = rules.gap_where.rpartition(": ")[0] or "rules"
-            message = sentences.gap(first, second, gap, rules.min_gap, rule)
+            message = sentences.gap(first, second, gap, rules.min_gap, rules.gap_file_line)
             names = (first.name, second.name)
             faults.append(Fault("gap", message, first.where, names, gap, _centre(first, first.bottom)))
             if len(faults) == MOST_OVERLAPS:

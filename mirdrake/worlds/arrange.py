@@ -21,7 +21,7 @@ from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
-from mirdrake.core.yaml_io import where
+from mirdrake.core.yaml_io import file_line, where
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.layouts import Slot, draw_in
@@ -290,7 +290,19 @@ class Arranger:
             # Walls, posts and trees stay upright on a slope; what can be moved or driven over lies on it.
             inclined = prop.driven_over or not entry.static
             X_WP = item.standing(pose, RollPitchYaw(roll, pitch, pose.yaw), inclined=inclined)
-            return [PlacedProp(item.label, prop, X_WP, entry.static, color, where(entry), entry.is_random, item.order)]
+            return [
+                PlacedProp(
+                    item.label,
+                    prop,
+                    X_WP,
+                    static=entry.static,
+                    color=color,
+                    where=where(entry),
+                    file_line=file_line(entry),
+                    random=entry.is_random,
+                    order=item.order,
+                )
+            ]
 
         return make
 

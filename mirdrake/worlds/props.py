@@ -133,15 +133,12 @@ class PlacedProp:
     """red, green, blue, 0 .. 1"""
     where: str = ""
     """``file:line: path`` of its entry"""
+    file_line: str = "the world"
+    """``file:line`` of its entry"""
     random: bool = False
     """its position was drawn at random"""
     order: tuple[int, ...] = field(default=(), compare=False)
     """position of its entry in the file"""
-
-    @property
-    def file_line(self) -> str:
-        """``file:line`` of its entry."""
-        return self.where.rpartition(": ")[0] or self.where or "the world"
 
     @cached_property
     def footprint(self) -> BaseGeometry:

@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import where
+from mirdrake.core.yaml_io import file_line, where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import NamedAreas, make_region
@@ -26,6 +26,7 @@ class _AreaRule:
         props: pattern of their names.
         inside: whether they must be inside.
         where: ``file:line: path`` of the rule.
+        file_line: ``file:line`` of the rule.
         fault: what is wrong with a prop that breaks it.
         bumps: whether props that vehicles drive over count.
     """
@@ -34,6 +35,7 @@ class _AreaRule:
     props: str
     inside: bool
     where: str
+    file_line: str
     fault: str
     bumps: bool = True
 
@@ -66,7 +68,7 @@ class Rules:
 
     Attributes:
         min_gap: smallest distance between any two props [m].
-        gap_where: ``file:line: path`` of that rule.
+        gap_file_line: ``file:line`` of that rule.
         drivable: paths that vehicles must have.
         on_ground: tolerances of props that must stand on the ground.
         clear: areas of `keep_clear`, in which no props may be [m].
@@ -93,7 +95,7 @@ class Rules:
         # The largest of several gaps holds for all pairs.
         self.min_gap = max((spec.min_gap for spec in specs if spec.min_gap is not None), default=0.0)
         # The rule with the largest gap is the one that a prop breaks.
-        self.gap_where = next((where(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
+        self.gap_file_line = next((file_line(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
         self.drivable: list[DrivableSpec] = []
         self.on_ground: list[GroundTolerance] = []
         self.clear: list[BaseGeometry] = []
@@ -135,7 +137,7 @@ class Rules:
     def broken(self, props: Sequence[PlacedProp]) -> list[str]:
         """Return one line for each prop that breaks a rule, and for each name that matches no prop."""
         faults = [
-            f"{prop.where}: '{prop.name}' {area.fault} ({area.where.rpartition(': ')[0] or 'rules'})"
+            f"{prop.where}: '{prop.name}' {area.fault} ({area.file_line})"
             for area in self._areas
             for prop in props
             if not area.holds(prop)
@@ -196,10 +198,10 @@ def _keep_clear(
         margin = spec.margin or 0.0
         area = track.band(lambda s: -track.right_width(s) - margin, lambda s: track.left_width(s) + margin)
         fault = f"is on track '{spec.track}'"
-    return _AreaRule(area, "*", inside=False, where=where(spec), fault=fault, bumps=False)
+    return _AreaRule(area, "*", inside=False, where=where(spec), file_line=file_line(spec), fault=fault, bumps=False)
 
 
 def _placement_rule(spec: PlacementRuleSpec, areas: NamedAreas, draw: Draw, *, inside: bool) -> _AreaRule:
     area = make_region(spec.region, areas, draw, location=where(spec, "region"))
     fault = "is not inside its region" if inside else "is not outside its region"
-    return _AreaRule(area, spec.props, inside=inside, where=where(spec), fault=fault)
+    return _AreaRule(area, spec.props, inside=inside, where=where(spec), file_line=file_line(spec), fault=fault)

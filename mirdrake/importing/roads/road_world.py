@@ -55,9 +55,8 @@ def pose(x: float, y: float, yaw: float) -> str:
 def note_changes(network: Network, source: Path, changes: Changes) -> None:
     """Add the notes of a network as changes: parts of its file that it does not represent."""
     for note in network.notes:
-        part, _, rest = note.partition(": ")
         why = "without counterpart in a network, or approximated"
-        changes.add(Code.ROAD, f"{display_path(source)}:1", part, rest or part, None, why)
+        changes.add(Code.ROAD, f"{display_path(source)}:1", note.part, note.detail, None, why)
 
 
 def ground_text(network: Network | None, source: Path, changes: Changes) -> str:

@@ -66,19 +66,19 @@ def read_pose(element: Element | None, files: XmlFiles, version: tuple[int, ...]
         values = read_numbers(element.text, count=7, default=[0, 0, 0, 0, 0, 0, 1], where=where, what="<pose>")
         norm = float(np.linalg.norm(values[3:]))
         if norm < 1e-9:
-            raise ModelError(f"{where}: <pose>: the quaternion is zero")
+            raise ModelError("<pose>: the quaternion is zero", where=where)
         x, y, z, w = values[3:] / norm
         X = RigidTransform(Quaternion(w, x, y, z), values[:3])
     else:
         values = read_numbers(element.text, count=6, default=[0.0] * 6, where=where, what="<pose>")
         angles = np.radians(values[3:]) if is_true(element.get("degrees", "")) else values[3:]
         if np.abs(angles).max() > _LARGEST_ANGLE:
-            raise ModelError(f"{where}: <pose>: angle of {np.abs(angles).max():g} rad; at most 1e6 rad is allowed")
+            raise ModelError(f"<pose>: angle of {np.abs(angles).max():g} rad; at most 1e6 rad is allowed", where=where)
         X = make_pose(values[:3], angles)
     # Poses farther away come from damaged files or wrong units, and make numbers inaccurate.
     distance = float(np.abs(values[:3]).max())
     if distance > FARTHEST:
-        raise ModelError(f"{where}: <pose>: {distance:g} m away; at most {FARTHEST:g} m is allowed")
+        raise ModelError(f"<pose>: {distance:g} m away; at most {FARTHEST:g} m is allowed", where=where)
     return X, relative
 
 
@@ -151,12 +151,12 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
         # Old versions of SDF have sizes as attributes.
         text = inner.findtext(name) if inner.find(name) is not None else inner.get(name)
         if text is None or not text.strip():
-            raise ModelError(f"{where}: <{tag}> without <{name}>")
+            raise ModelError(f"<{tag}> without <{name}>", where=where)
         values = read_numbers(text, count=count, default=[], where=where, what=f"<{name}>").tolist()
         # Sizes outside of this range come from millimetres or damaged files, and spoil contact and rendering.
         if check_sizes and not all(SMALLEST <= value <= LARGEST for value in values):
             worst = next(value for value in values if not SMALLEST <= value <= LARGEST)
-            raise ModelError(f"{where}: {tag} with a side of {worst:g} m; allowed are 1 mm to 10 km")
+            raise ModelError(f"{tag} with a side of {worst:g} m; allowed are 1 mm to 10 km", where=where)
         return tuple(values)
 
     # The frame of a cone is at its base in SDF; Drake has no cone with that frame.
@@ -175,7 +175,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
         # An infinite plane keeps its edges as a hint for the size of the ground; its normal may be of any length.
         normal = read_numbers(inner.findtext("normal"), count=3, default=[0, 0, 1], where=where, what="<normal>")
         if not normal.any():
-            raise ModelError(f"{where}: <plane>: its normal has no direction")
+            raise ModelError("<plane>: its normal has no direction", where=where)
         edges = read_numbers(inner.findtext("size"), count=2, default=[0, 0], where=where, what="<size>")
         a, b, c = normal.tolist()
         shape = Shape("plane", tuple(edges.tolist()), scale=(a, b, c))
@@ -195,7 +195,7 @@ def _read_mesh(
     where, address = files.where(element), text_of(element, "uri") or (element.get("filename") or "")
     scale = read_numbers(element.findtext("scale"), count=3, default=[1.0] * 3, where=where, what="<scale>")
     if check_scale and not np.all((np.abs(scale) > 1e-9) & (np.abs(scale) < 1e9)):
-        raise ModelError(f"{where}: <scale> '{text_of(element, 'scale')}'; allowed are factors of 1e-9 to 1e9")
+        raise ModelError(f"<scale> '{text_of(element, 'scale')}'; allowed are factors of 1e-9 to 1e9", where=where)
     path, remark = packages.resolve(address, folder=folder) if address else (None, "it has no <uri>")
     a, b, c = scale.tolist()
     submesh, center = text_of(element, "submesh/name"), is_true(text_of(element, "submesh/center"))
@@ -216,16 +216,16 @@ def _read_outline(elements: list[Element], files: XmlFiles) -> Shape:
             for point in element.findall("point")
         ]
         if not 3 <= len(points) <= _MOST_POINTS or min(map(len, points)) < 2:
-            raise ModelError(f"{where}: <polyline> of {len(points)} points; 3 to {_MOST_POINTS} are allowed")
+            raise ModelError(f"<polyline> of {len(points)} points; 3 to {_MOST_POINTS} are allowed", where=where)
         if max(float(np.abs(point).max()) for point in points) > FARTHEST:
-            raise ModelError(f"{where}: <polyline> reaches further than {FARTHEST:g} m")
+            raise ModelError(f"<polyline> reaches further than {FARTHEST:g} m", where=where)
         # Even-odd rule: an outline within another one is a hole.
         area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(points)))
         heights.append(read_number(element.findtext("height"), where=where, what="<height>") or 1.0)
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST**2]
     if not parts or not SMALLEST <= max(heights) <= LARGEST:
         where = files.where(elements[0])
-        raise ModelError(f"{where}: <polyline> encloses no area, or its height is not 1 mm to 10 km")
+        raise ModelError("<polyline> encloses no area, or its height is not 1 mm to 10 km", where=where)
     return Shape("polyline", (max(heights),), submesh=shapely.MultiPolygon(parts).wkt)
 
 

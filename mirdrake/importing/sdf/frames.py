@@ -83,7 +83,7 @@ class Frames:
             ModelError: there is one of that name.
         """
         if name in self:
-            raise ModelError(f"{frame.where}: the name '{name}' is used twice; names must differ")
+            raise ModelError(f"the name '{name}' is used twice; names must differ", where=frame.where)
         self._frames[name] = frame
 
     def set(self, name: str, X_WA: RigidTransform) -> None:
@@ -110,7 +110,7 @@ class Frames:
                 below = self._frames[trail[-2]].where if len(trail) > 1 else where
                 trail.append(self._frame(trail[-1], below).base)
                 if trail[-1] in trail[:-1]:
-                    raise ModelError(f"{self._frames[name].where or where}: frame '{name}' is relative to itself")
+                    raise ModelError(f"frame '{name}' is relative to itself", where=self._frames[name].where or where)
             X = self._poses[trail[-1]]
             for step in reversed(trail[:-1]):
                 X = self._poses[step] = X @ self._local(step, where, depth=0)
@@ -118,7 +118,7 @@ class Frames:
 
     def _frame(self, name: str, where: str) -> Frame:
         if name not in self._frames:
-            raise ModelError(f"{where}: frame '{name}' does not exist")
+            raise ModelError(f"frame '{name}' does not exist", where=where)
         return self._frames[name]
 
     def _local(self, name: str, where: str, depth: int) -> RigidTransform:
@@ -136,4 +136,4 @@ class Frames:
                 break
             X = self._local(step, frame.where, depth + 1) @ X
             step = self._frame(step, frame.where).base
-        raise ModelError(f"{frame.where}: placement frame '{frame.placed}' is not part of '{name}'")
+        raise ModelError(f"placement frame '{frame.placed}' is not part of '{name}'", where=frame.where)

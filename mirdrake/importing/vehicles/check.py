@@ -20,7 +20,7 @@ def check_loads(folder: Path) -> None:
     """
     code, words = run_module("mirdrake.vehicles.loads", folder, seconds=SLOWEST)
     if code is None:
-        raise ModelError(f"{folder.name}: the imported vehicle does not load within {SLOWEST:g} s")
+        raise ModelError(f"the imported vehicle does not load within {SLOWEST:g} s", where=folder.name)
     if code == 2 and words:
         raise ModelError(f"the imported vehicle does not load: {words}")
     if code != 0:

@@ -108,13 +108,11 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
         if values.get("pose.degrees") in ("1", "true"):
             pose[3:] = np.radians(pose[3:])
     except ModelError as error:
-        model.changes.add(
-            Code.SENSOR, where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose"
-        )
+        model.changes.add(Code.SENSOR, where(element), f"sensor '{name}': place", error.text, "at the link", "no pose")
     try:
         rate = read_number(next(filter(None, rates), None), where=where(element), what="<update_rate>")
     except ModelError as error:
-        model.changes.add(Code.SENSOR, where(element), f"sensor '{name}': rate", _after(error), "usual", "no rate")
+        model.changes.add(Code.SENSOR, where(element), f"sensor '{name}': rate", error.text, "usual", "no rate")
     return SensorTag(
         name=name,
         kind=element.get("type", "").lower(),
@@ -125,11 +123,6 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
         plugins=tuple(plugin.get("filename", "") for plugin in element.iter("plugin")),
         where=where(element),
     )
-
-
-def _after(error: ModelError) -> str:
-    """Return the message of an error without file and line."""
-    return str(error).partition(": ")[2]
 
 
 def _paint(visuals: list[Shape], name: str) -> bool:

@@ -73,7 +73,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     """
     location = source_name(model)
     if not model.links:
-        raise ModelError(f"{location}: no links in it; give the file that describes the vehicle")
+        raise ModelError("no links in it; give the file that describes the vehicle", where=location)
     # Each link has one parent: a second joint would close a loop.
     changes = Changes()
     above: dict[str, Joint] = {}
@@ -94,7 +94,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     # Files may contain several trees, for example a ground link; the vehicle is the largest.
     roots = [name for name in model.links if name not in above and name != "world"]
     if not roots:
-        raise ModelError(f"{location}: the joints form a loop; no link is the root")
+        raise ModelError("the joints form a loop; no link is the root", where=location)
     trees = [_grow(model, root, above) for root in roots]
     tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
     for name, link in model.links.items():

@@ -8,6 +8,7 @@ impossible ones: readers correct nothing. Each part has its place in the source,
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -176,6 +177,23 @@ class Controller:
     where: str = ""
 
 
+class Hint(NamedTuple):
+    """A mistake in the files that may explain a rejection.
+
+    Attributes:
+        tag: tag of the element.
+        where: ``file:line``.
+        text: what is wrong with it, a clause whose subject is the element.
+    """
+
+    tag: str
+    where: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"<{self.tag}> ({self.where}) {self.text}"
+
+
 @dataclass
 class SourceModel:
     """A whole model as read.
@@ -187,7 +205,7 @@ class SourceModel:
         files: files that took part, main file first.
         changes: changes of the readers.
         texts: licence and author found in the package, by file name.
-        hints: mistakes in the files that may explain a rejection, each a clause.
+        hints: mistakes in the files that may explain a rejection.
     """
 
     name: str
@@ -200,7 +218,7 @@ class SourceModel:
     files: list[Path] = field(default_factory=list)
     changes: Changes = field(default_factory=Changes)
     texts: dict[str, str] = field(default_factory=dict)
-    hints: list[str] = field(default_factory=list)
+    hints: list[Hint] = field(default_factory=list)
 
 
 def shorten_places(model: SourceModel) -> Places:

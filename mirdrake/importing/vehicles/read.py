@@ -39,12 +39,14 @@ def read_source(
     name, folder = around.own()
     if isinstance(around, Models):
         if arguments:
-            raise ModelError(f"{display_path(path)}: an SDF file has no arguments, but {', '.join(arguments)} given")
+            raise ModelError(
+                f"an SDF file has no arguments, but {', '.join(arguments)} given", where=display_path(path)
+            )
         model = read_sdf(path, models=around)
     else:
         model = read_urdf(path, packages=around, arguments=arguments)
     if not model.links:
-        raise ModelError(f"{display_path(path)}:1: no links in the model")
+        raise ModelError("no links in the model", where=f"{display_path(path)}:1")
     read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
     # Packages beside this one may belong to other robots: only controllers of its joints count.
     read_controllers(around.beside(), model, only=set(model.joints))
@@ -71,10 +73,10 @@ def _main_file(path: Path) -> Path:
         if path.name == "model.config":
             return _main_file(path.parent)
         if path.name.endswith(".world"):
-            raise ModelError(f"{display_path(path)}: a world, not a vehicle; give the file of a model")
+            raise ModelError("a world, not a vehicle; give the file of a model", where=display_path(path))
         return path
     if not path.is_dir():
-        raise ModelError(f"{display_path(path)}: no such file")
+        raise ModelError("no such file", where=display_path(path))
     # A Gazebo folder states its file in model.config, so nothing has to be guessed.
     sdf = model_file(path)
     if sdf is not None:
@@ -90,7 +92,7 @@ def _main_file(path: Path) -> Path:
     if len(whole) != 1:
         names = ", ".join(display_path(file) for file in whole[:8]) or "none"
         raise ModelError(
-            f"{display_path(path)}: give the file that describes the vehicle; there are {len(whole)}: {names}"
+            f"give the file that describes the vehicle; there are {len(whole)}: {names}", where=display_path(path)
         )
     return whole[0]
 

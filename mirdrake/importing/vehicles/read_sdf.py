@@ -57,7 +57,7 @@ def read_sdf(path: Path, *, models: Models) -> SourceModel:
     files = XmlFiles()
     root = files.parse(path)
     if root.tag != "sdf":
-        raise ModelError(f"{files.where(root)}: <{root.tag}> is not SDF; the root element should be <sdf>")
+        raise ModelError(f"<{root.tag}> is not SDF; the root element should be <sdf>", where=files.where(root))
     model = SourceModel(path.parent.name, files=[path])
     element = _choose_model(root, model, files)
     model.name = element.get("name", "") or model.name
@@ -79,10 +79,10 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
         return moving[0]
     if models and not moving:
         names = ", ".join(element.get("name", "") for element in models[:8])
-        raise ModelError(f"{files.where(models[0])}: static model '{names}': a prop, not a vehicle")
+        raise ModelError(f"static model '{names}': a prop, not a vehicle", where=files.where(models[0]))
     names = ", ".join(element.get("name", "") for element in moving[:8]) or "none"
     location = f"{display_path(model.files[0])}:1"
-    raise ModelError(f"{location}: one model is expected in the file; there are {len(moving)} ({names})")
+    raise ModelError(f"one model is expected in the file; there are {len(moving)} ({names})", where=location)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class _Reader:
         """Read frames, links and joints of a model and of those nested in it."""
         # A model that includes itself would recurse without end.
         if depth > DEEPEST:
-            raise ModelError(f"{self._files.where(element)}: models are nested more than {DEEPEST} deep")
+            raise ModelError(f"models are nested more than {DEEPEST} deep", where=self._files.where(element))
         # Poses, axes and springs may refer to frames that come later in the file, so they are resolved after the loop.
         for child in element:
             name, where = child.get("name", ""), self._files.where(child)
@@ -150,7 +150,7 @@ class _Reader:
     def _add_frame(self, name: str, element: Element, scope: Scope, *, default: str | None = None) -> None:
         """Add the frame of a link, joint or frame; `default` is the base if its pose names none."""
         if not element.get("name"):
-            raise ModelError(f"{self._files.where(element)}: <{element.tag}> without a name")
+            raise ModelError(f"<{element.tag}> without a name", where=self._files.where(element))
         self._frames.add(name, read_frame(element, self._files, scope, default=default))
 
     def _read_nested(self, element: Element, full: str, scope: Scope, depth: int, *, include: Element | None) -> None:
@@ -162,14 +162,14 @@ class _Reader:
         address, where = text_of(element, "uri"), self._files.where(element)
         path, reason = self._models.find_model(address, scope.folder)
         if path is None:
-            raise ModelError(f"{where}: include '{address}': {reason}")
+            raise ModelError(f"include '{address}': {reason}", where=where)
         if path in scope.files:
-            raise ModelError(f"{where}: include '{address}' includes itself")
+            raise ModelError(f"include '{address}' includes itself", where=where)
         root = self._files.parse(path)
         self._model.files.append(path)
         inner = root.find("model")
         if inner is None:
-            raise ModelError(f"{display_path(path)}:1: no <model> in the file that {where} includes")
+            raise ModelError(f"no <model> in the file that {where} includes", where=f"{display_path(path)}:1")
         name = text_of(element, "name") or inner.get("name", "")
         inside = replace(scope, version=version_of(root), folder=path.parent, files=(*scope.files, path))
         if not is_true(element.get("merge", "")):
@@ -274,7 +274,7 @@ class _Reader:
     def _read_joint(self, element: Element, name: str, scope: Scope) -> None:
         where, kind = self._files.where(element), element.get("type", "").strip().lower()
         if name in self._model.joints:
-            raise ModelError(f"{where}: the joint name '{name}' is used twice; names must differ")
+            raise ModelError(f"the joint name '{name}' is used twice; names must differ", where=where)
         parent, child = (_end_of(element, tag) for tag in ("parent", "child"))
         self._add_frame(name, element, scope, default=scope.full(child))
         joint = Joint(name, kind, "world" if parent == "world" else scope.full(parent), scope.full(child), where=where)
@@ -285,7 +285,7 @@ class _Reader:
                 continue
             vector = read_numbers(axis.findtext("xyz"), count=3, default=[0, 0, 1], where=where, what=f"<{tag}> xyz")
             if not vector.any() and kind not in _WITHOUT_AXIS:
-                raise ModelError(f"{where}: joint '{name}': its axis has no direction")
+                raise ModelError(f"joint '{name}': its axis has no direction", where=where)
             xyz = axis.find("xyz")
             frame = (xyz.get("expressed_in") or "") if xyz is not None else ""
             # Before SDF 1.5 an axis was in the frame of the model.
@@ -355,7 +355,7 @@ class _Reader:
             if inside:
                 return inside[0]
             step = self._frames.base(step)
-        raise ModelError(f"{joint.where}: joint '{joint.name}': link '{name}' does not exist")
+        raise ModelError(f"joint '{joint.name}': link '{name}' does not exist", where=joint.where)
 
     def _change(self, code: Code, element: Element, part: str, old: str, new: str | None, reason: str) -> None:
         self._model.changes.add(code, self._files.where(element), part, old, new, reason)

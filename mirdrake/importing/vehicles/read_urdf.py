@@ -15,7 +15,7 @@ from mirdrake.importing.packages import Packages
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import make_pose, read_number, read_numbers
 from mirdrake.importing.vehicles.gazebo_tags import read_gazebo_tag, read_spring_damper
-from mirdrake.importing.vehicles.model import Inertial, Joint, Limits, Link, SourceModel, Surface
+from mirdrake.importing.vehicles.model import Hint, Inertial, Joint, Limits, Link, SourceModel, Surface
 from mirdrake.importing.vehicles.ros_control import read_ros2_control, read_transmission
 from mirdrake.vehicles.xacro_render import MissingArgumentsError, Urdf, render_xacro
 
@@ -46,14 +46,19 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
     """
     urdf = _render(path, packages, arguments)
     if urdf.root.tag != "robot":
-        raise ModelError(f"{urdf.where(urdf.root)}: <{urdf.root.tag}> is not URDF; the root element should be <robot>")
+        raise ModelError(
+            f"<{urdf.root.tag}> is not URDF; the root element should be <robot>", where=urdf.where(urdf.root)
+        )
     model = SourceModel(urdf.root.get("name", "") or path.name.split(".")[0], files=list(urdf.files))
-    model.changes += [_warning(text) for text in urdf.warnings]
+    model.changes += [
+        Change(Code.ELEMENT, warning.where, "xacro", warning.text, "as xacro expanded it", "xacro warned about it")
+        for warning in urdf.warnings
+    ]
     model.hints = list(_missing_prefixes(urdf))
     try:
         _Reader(urdf, model, packages, path.parent).read()
     except ModelError as error:
-        raise ModelError("; ".join([str(error), *model.hints])) from None
+        raise ModelError("; ".join([error.text, *map(str, model.hints)]), where=error.where) from None
     return model
 
 
@@ -70,13 +75,11 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
         try:
             urdf = render_xacro(path, arguments={**dict.fromkeys(missing, "0"), **arguments}, find=packages.find)
         except MissingArgumentsError as error:
-            places = {
-                name: location.rpartition(":") for name, location in error.arguments.items() if name not in missing
-            }
+            places = {name: place for name, place in error.places.items() if name not in missing}
             # Nothing new was found, so that the next round would end here as well.
             if not places:
                 raise MissingArgumentsError(missing) from None
-            missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
+            missing |= places
         except ModelError:
             if missing:  # other errors may be due to the stand-in values
                 raise MissingArgumentsError(missing) from None
@@ -87,7 +90,7 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
             return urdf
 
 
-def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
+def _missing_prefixes(urdf: Urdf) -> Iterator[Hint]:
     """Yield elements that look like macro calls or tags of xacro without the prefix ``xacro:``."""
     macros: set[str] = set()
     for path in urdf.files:
@@ -99,12 +102,8 @@ def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
         if tag in standard or not (tag in macros or tag in _XACRO):
             continue
         meant = f"a call of the macro '{tag}'" if tag in macros else "a tag of xacro"
-        yield f"<{tag}> ({urdf.where(element)}) looks like {meant} without the prefix xacro:, write <xacro:{tag}>"
-
-
-def _warning(text: str) -> Change:
-    location, _, words = text.partition(": ")
-    return Change(Code.ELEMENT, location, "xacro", words, "as xacro expanded it", "xacro warned about it")
+        text = f"looks like {meant} without the prefix xacro:, write <xacro:{tag}>"
+        yield Hint(tag, urdf.where(element), text)
 
 
 class _Reader:
@@ -136,10 +135,10 @@ class _Reader:
 
     def _add(self, table: dict[str, _Part], item: _Part, where: str, kind: str) -> None:
         if not item.name:
-            raise ModelError(f"{where}: a {kind} without a name")
+            raise ModelError(f"a {kind} without a name", where=where)
         if item.name in table:
             raise ModelError(
-                f"{where}: {kind} '{item.name}' is defined twice; the other one is at {table[item.name].where}"
+                f"{kind} '{item.name}' is defined twice; the other one is at {table[item.name].where}", where=where
             )
         table[item.name] = item
 
@@ -148,8 +147,8 @@ class _Reader:
         for child in element:
             if child.tag not in _KNOWN[kind] and not child.tag.startswith("{"):
                 name = element.get("name", "")
-                hint = next((hint for hint in self._model.hints if hint.startswith(f"<{child.tag}> ")), "")
-                why = hint.partition(") ")[2] or "it is not part of URDF"
+                hints = (hint.text for hint in self._model.hints if hint.tag == child.tag)
+                why = next(hints, "it is not part of URDF")
                 self._change(Code.ELEMENT, child, f"{kind} '{name}': <{child.tag}>", "…", None, why)
 
     def _change(
@@ -235,7 +234,7 @@ class _Reader:
         def size(key: str, count: int = 1) -> tuple[float, ...]:
             values = read_numbers(shape.get(key), count=count, default=[], where=where, what=f"<{shape.tag}> {key}")
             if len(values) != count:
-                raise ModelError(f"{where}: <{shape.tag}> without {key}")
+                raise ModelError(f"<{shape.tag}> without {key}", where=where)
             return tuple(float(value) for value in values)
 
         # Sizes without a default are errors of the file: a shape of a guessed size would change the contact.
@@ -298,14 +297,14 @@ class _Reader:
         part = f"joint '{name}'"
         kind = element.get("type", "").strip().lower()
         if kind not in _TYPES:
-            raise ModelError(f"{where}: {part} is of type '{kind}'; allowed: {', '.join(sorted(_TYPES))}")
+            raise ModelError(f"{part} is of type '{kind}'; allowed: {', '.join(sorted(_TYPES))}", where=where)
         # A joint without its links is an error in ROS as well; no position could be found for the child.
         ends = []
         for tag in ("parent", "child"):
             end = element.find(tag)
             link = end.get("link", "") if end is not None else ""
             if link not in self._model.links:
-                raise ModelError(f"{where}: {part}: {tag} link '{link}' does not exist")
+                raise ModelError(f"{part}: {tag} link '{link}' does not exist", where=where)
             ends.append(link)
         # Values are read as written; impossible ones are corrected later, with a change.
         axis, mimic = element.find("axis"), element.find("mimic")
@@ -316,7 +315,7 @@ class _Reader:
         )
         if not joint.axis.any() and kind not in _WITHOUT_AXIS:
             # Mimic joints follow another one, for example the left kingpin the right one.
-            raise ModelError(f"{where}: {part}: its axis has no direction")
+            raise ModelError(f"{part}: its axis has no direction", where=where)
         joint.mimic = mimic.get("joint", "") if mimic is not None else ""
         limit, dynamics = element.find("limit"), element.find("dynamics")
         if limit is not None:

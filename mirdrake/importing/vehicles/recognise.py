@@ -155,8 +155,8 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
             if len(inner) > 1:  # the cage of a differential
                 continue
             raise ModelError(
-                f"{source_name(tree.model)}: joint '{name}' turns the wheels of both sides; "
-                "mirdrake needs a joint for each of the four wheels"
+                f"joint '{name}' turns the wheels of both sides; mirdrake needs a joint for each of the four wheels",
+                where=source_name(tree.model),
             )
         upright = [other for other in tree.path(joint.child) if other is not joint and _is_upright(tree, other)]
         if second and _is_upright(tree, joint):
@@ -336,7 +336,7 @@ def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
     hints = "".join(f"; {hint}" for hint in tree.model.hints)
     location = source_name(tree.model)
     part = "not a car with four wheels on two axles, two of them steered"
-    return ModelError(f"{location}: {part}; found {summary}{faults}{hints}")
+    return ModelError(f"{part}; found {summary}{faults}{hints}", where=location)
 
 
 def _inventory(tree: Tree) -> str:

@@ -153,20 +153,20 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
     body, part = car.body, f"link '{car.body.name}': visuals"
     where = body.visuals[0].where if body.visuals else body.collisions[0].where if body.collisions else ""
     cover = plan_cover(body_boxes(body.collisions, car.layout), car.layout)
-    shown = "its collision shapes are"
+    shown, verb = "its collision shapes", "are"
     # Collision shapes that cover little are those of parts: a box then looks more like the vehicle.
     if cover < COVERED:
         was = "none"
         if body.collisions:
             was = f"{len(body.collisions)} shapes that cover {100.0 * cover:.0f} % of wheelbase x track"
         body.collisions = [_box(car, usual_bounds(car.layout), was, changes)]
-        shown = "a box of the usual size for its wheelbase and track is"
+        shown, verb = "a box of the usual size for its wheelbase and track", "is"
     was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
     body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
-    changes.add(Code.SHAPE, where, part, was, shown.rsplit(" ", 1)[0], "the body would be invisible")
+    changes.add(Code.SHAPE, where, part, was, shown, "the body would be invisible")
     lost = [change for change in reported if change.part == f"link '{body.name}': visual" and change.left_out]
     reason = f" ({lost[0].old}: {lost[0].reason})" if lost else ""
-    car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
+    car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} {verb} drawn instead.")
     return changes
 
 

@@ -78,13 +78,15 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     if kingpin_track <= 0.0:
         names = " and ".join(f"'{joint.name}'" for joint in roles.steering)
         raise ModelError(
-            f"{location}: steering axes {names} cross: the left one is {-kingpin_track:.4g} m to the right of the other"
+            f"steering axes {names} cross: the left one is {-kingpin_track:.4g} m to the right of the other",
+            where=location,
         )
     skew = float(np.abs(kingpins[0] - kingpins[1] * np.array([1.0, -1.0])).max())
     if skew > max(SLACK, ALIKE * wheelbase):
         raise ModelError(
-            f"{location}: steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
-            f"within {max(SLACK, ALIKE * wheelbase):.2g} m"
+            f"steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
+            f"within {max(SLACK, ALIKE * wheelbase):.2g} m",
+            where=location,
         )
     # Mean of the left steering axis and the mirror image of the right one.
     middle = 0.5 * (kingpins[0] + kingpins[1] * np.array([1.0, -1.0]))
@@ -120,7 +122,8 @@ def _mean(
     if strict and high - low > max(SLACK, ALIKE * high):
         names = " and ".join(f"'{wheel.joint.name}'" for wheel in pair)
         raise ModelError(
-            f"{place}: {part} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be equal"
+            f"{part} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be equal",
+            where=place,
         )
     mean = 0.5 * (low + high)
     if high - low > WORTH_SAYING * high:
@@ -142,7 +145,9 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> Rig
     # Both are unit vectors, so their product is the sine of the deviation from a right angle.
     skew = asin(float(x @ across))
     if abs(skew) > MOST_SKEW:
-        raise ModelError(f"{place}: the axles are askew by {degrees(skew):.3g} degrees; left and right should mirror")
+        raise ModelError(
+            f"the axles are askew by {degrees(skew):.3g} degrees; left and right should mirror", where=place
+        )
     y = across - x * (across @ x)
     y = y / np.linalg.norm(y)
     z = np.cross(x, y)
@@ -150,7 +155,7 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> Rig
     for part, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
         if abs(angle) > MOST_SKEW:
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
-            raise ModelError(f"{place}: the wheels are not on one level road; their lowest points [m]: {height}")
+            raise ModelError(f"the wheels are not on one level road; their lowest points [m]: {height}", where=place)
         if abs(angle) > WORTH_SAYING:
             why = "the wheels of the source are not level at the zero position"
             was = f"the contact points have {degrees(angle):.3g} degrees of {part}"
@@ -163,8 +168,9 @@ def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, cha
     distance, allowed = float(np.linalg.norm(shift)), max(SLACK, ALIKE * wheelbase)
     if distance > allowed:
         raise ModelError(
-            f"{place}: wheel of '{wheel.joint.name}' is {_shown(shift)} m from the mirrored position of the other "
-            f"wheel of its axle; {allowed:.2g} m is allowed"
+            f"wheel of '{wheel.joint.name}' is {_shown(shift)} m from the mirrored position of the other "
+            f"wheel of its axle; {allowed:.2g} m is allowed",
+            where=place,
         )
     if distance > WORTH_SAYING * wheelbase:
         part = f"joint '{wheel.joint.name}': place"

@@ -128,11 +128,13 @@ def _build(
     entries = converter.entries(world)
     scenery = converter.scenery(ground.drawn)
     if strict and converter.lost:
-        faults = list(dict.fromkeys(places.text(fault) for fault in converter.lost))
+        faults = list(dict.fromkeys(places.text(str(fault)) for fault in converter.lost))
         more = f"; {len(faults) - 1} more like it" if len(faults) > 1 else ""
         raise ModelError(f"{faults[0]}{more}; without strict it is left out and reported")
     if len(entries) > _MOST_ENTRIES:
-        raise ModelError(f"{world.files[0]}:1: {len(entries)} objects; a world has at most {_MOST_ENTRIES} entries")
+        raise ModelError(
+            f"{len(entries)} objects; a world has at most {_MOST_ENTRIES} entries", where=f"{world.files[0]}:1"
+        )
     where = f"{world.files[0]}:1"
     suns = [sun for sun in world.suns if _shines(sun.direction)]
     for sun in world.suns:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.core.errors import ModelError
 from mirdrake.core.wording import plural
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
@@ -37,7 +38,7 @@ class Converter:
         height: height of the ground in the source [m].
         changes: get every change.
         progress: called with the current step.
-        lost: ``file:line: fault`` of all objects with collision geometry that were left out.
+        lost: the faults of all objects with collision geometry that were left out.
         starts: vehicles of the source: name -> pose.
     """
 
@@ -46,7 +47,7 @@ class Converter:
     height: float
     changes: Changes
     progress: Callable[[str], None]
-    lost: list[str] = field(default_factory=list)
+    lost: list[ModelError] = field(default_factory=list)
     starts: dict[str, RigidTransform] = field(default_factory=dict)
     _names: set[str] = field(default_factory=set)
     _folders: dict[object, tuple[str, RigidTransform]] = field(default_factory=dict)
@@ -126,7 +127,7 @@ class Converter:
         for change in obj.missing:
             self.changes.append(change)
         if obj.absent or not obj.collisions:
-            why = obj.broken[0].partition(": ")[2] if obj.broken else (
+            why = obj.broken[0].text if obj.broken else (
                 "it is visual only" if obj.visuals else "it has no shapes"
             )  # fmt: skip
             self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, why)
@@ -207,7 +208,7 @@ class Converter:
                 shutil.rmtree(target, ignore_errors=True)
                 # Copies of this object fail in the same way and are not converted again.
                 self._empty[key] = str(error)
-                self.lost.append(f"{obj.where}: {part}: {error}")
+                self.lost.append(ModelError(f"{part}: {error}", where=obj.where))
                 self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, str(error))
                 return None
             # The frame of the model matters to users who refer to its position, so a displacement is reported.
@@ -245,12 +246,12 @@ class Converter:
                 if left_out:
                     why = f"{left_out} of {left_out + len(parts)} separate parts are too many; the largest are kept"
                     self.changes.add(Code.MODEL, shape.where, part, f"{left_out} smaller parts", None, why)
-                    self.lost.append(f"{shape.where}: {part}: {why}")
+                    self.lost.append(ModelError(f"{part}: {why}", where=shape.where))
                 shapes += parts
             elif kind == "terrain":
                 why = "it is terrain; the ground of a world is a plane"
                 self.changes.add(Code.MODEL, shape.where, part, "wide and low", None, why)
-                self.lost.append(f"{shape.where}: {part}: {why}")
+                self.lost.append(ModelError(f"{part}: {why}", where=shape.where))
             elif shape.kind == "polyline":
                 shapes += convex_outlines(shape)
             else:

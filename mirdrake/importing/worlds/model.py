@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
+from mirdrake.core.errors import ModelError
 from mirdrake.importing.changes import Changes
 from mirdrake.importing.shape import Shape
 
@@ -48,7 +49,7 @@ class SourceObject:
     sources: list[str] = field(default_factory=list)
     absent: bool = False
     missing: Changes = field(default_factory=Changes)
-    broken: list[str] = field(default_factory=list)
+    broken: list[ModelError] = field(default_factory=list)
     where: str = ""
 
 

@@ -11,6 +11,7 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from trimesh import Trimesh
 
+from mirdrake.core.errors import ModelError
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.convert import convert_collision, load_visual
 from mirdrake.importing.meshes.convex import make_hull
@@ -62,7 +63,7 @@ def write_prop(
             parts, more = convert_collision(shape, folder, name=f"solid_{index}")
         except MeshError as error:
             changes.append(error.left_out(shape.where, f"model '{obj.name}': collision"))
-            obj.broken.append(f"{shape.where}: {error}")
+            obj.broken.append(ModelError(str(error), where=shape.where))
             continue
         for change in more:
             changes.append(change)

@@ -34,7 +34,7 @@ def read_crowd(
     def number(path: str, default: float) -> float:
         value = read_number(element.findtext(path), where=where, what=f"<{path}>")
         if value is not None and abs(value) > FARTHEST:
-            raise ModelError(f"{where}: <{path}> of {value:g}; at most {FARTHEST:g} is allowed")
+            raise ModelError(f"<{path}> of {value:g}; at most {FARTHEST:g} is allowed", where=where)
         return default if value is None else value
 
     def numbers(path: str, count: int, default: list[float]) -> list[float]:
@@ -70,9 +70,9 @@ def read_crowd(
         crowd.box = (a, b, c)
     # Each copy becomes a body of the plant: thousands cannot be simulated.
     if not 1 <= crowd.count <= 5000:
-        raise ModelError(f"{where}: population of {crowd.count}; 1 to 5000 are allowed")
+        raise ModelError(f"population of {crowd.count}; 1 to 5000 are allowed", where=where)
     if min([*(crowd.box or ())[:2], *([crowd.radius] if crowd.radius is not None else [])], default=1.0) < 1e-3:
-        raise ModelError(f"{where}: population in a region without area")
+        raise ModelError("population in a region without area", where=where)
     if kind not in {"random", "uniform", "grid", "linear-x", "linear-y", "linear-z"}:
-        raise ModelError(f"{where}: distribution '{kind}' is not understood")
+        raise ModelError(f"distribution '{kind}' is not understood", where=where)
     return crowd

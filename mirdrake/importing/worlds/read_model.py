@@ -119,7 +119,7 @@ class ModelReader:
             # A fault in one model ends the reading of this model only.
             self._inside(element, inner, draft)
         except ModelError as error:
-            draft.obj.broken.append(str(error))
+            draft.obj.broken.append(error)
             became = "left out with all its following elements"
             self._changes.add_fault(Code.MODEL, error, f"model '{draft.obj.name}': a part of it", "…", became)
 
@@ -130,7 +130,7 @@ class ModelReader:
         name = text_of(element, "name")
         path, remark = self._models.find_model(address, scope.folder)
         if path is not None and (path in scope.files or len(scope.files) > DEEPEST):
-            raise ModelError(f"{where}: include '{address}' includes itself")
+            raise ModelError(f"include '{address}' includes itself", where=where)
         if path is None:
             self._absent(element, scope, name or kind or "include", kind, where, remark)
             return
@@ -145,7 +145,7 @@ class ModelReader:
             self.lights.append((light, frame))
         if model is None:
             if root.find("light") is None:
-                raise ModelError(f"{display_path(path)}:1: no <model> in the file that {where} includes")
+                raise ModelError(f"no <model> in the file that {where} includes", where=f"{display_path(path)}:1")
             return
         # The links become those of the including model, in a hidden frame for their poses.
         if is_true(element.get("merge", "")) and draft is not None:
@@ -168,7 +168,7 @@ class ModelReader:
             full, kind, RigidTransform(), is_true(static.text or "") if static is not None else True, where=where
         )
         obj.absent, obj.sources = True, [kind] if kind else []
-        obj.broken = [f"{where}: include '{text_of(element, 'uri')}': {remark}"]
+        obj.broken = [ModelError(f"include '{text_of(element, 'uri')}': {remark}", where=where)]
         self.drafts.append(Draft(obj, full))
 
     def _parse(self, path: Path) -> Element:
@@ -190,7 +190,9 @@ class ModelReader:
     def _one_more(self, where: str) -> None:
         self._count += 1
         if self._count > MOST:
-            raise ModelError(f"{where}: more than {MOST} models and links; does something include itself many times?")
+            raise ModelError(
+                f"more than {MOST} models and links; does something include itself many times?", where=where
+            )
 
     # --- contents of a model ---
 
@@ -205,7 +207,7 @@ class ModelReader:
             elif child.tag in {"model", "include"}:
                 # Models that include each other would recurse without end.
                 if len(scope.prefix.split("::")) > DEEPEST:
-                    raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
+                    raise ModelError(f"models are nested more than {DEEPEST} deep", where=where)
                 # Parts of a moving model move with it as one object; those of a static one are static objects.
                 apart = None if draft.obj.static else draft
                 first = len(self.drafts)
@@ -261,7 +263,7 @@ class ModelReader:
                     self._shape(child, scope, full, draft)
                 except ModelError as error:
                     if child.tag == "collision":
-                        obj.broken.append(str(error))
+                        obj.broken.append(error)
                     part = f"model '{obj.name}': {child.tag}"
                     self._changes.add_fault(Code.SHAPE, error, part, child.get("name", ""))
             elif child.tag == "light":
@@ -292,7 +294,7 @@ class ModelReader:
             if remark:
                 self._changes.add(Code.SHAPE, where, part, element.get("name", ""), None, remark)
             if remark and element.tag == "collision":
-                obj.broken.append(f"{where}: {part}: {remark}")
+                obj.broken.append(ModelError(f"{part}: {remark}", where=where))
             return
         shape.where = where
         if element.tag == "visual":
@@ -312,7 +314,7 @@ class ModelReader:
         if shape.kind == "mesh" and shape.mesh is None:
             obj.sources.append(model_name(shape.address))
             if element.tag == "collision":
-                obj.broken.append(f"{where}: {part}: mesh '{shape.address}': {remark}")
+                obj.broken.append(ModelError(f"{part}: mesh '{shape.address}': {remark}", where=where))
             obj.missing.add(Code.MESH, where, f"{part} mesh", shape.address, None, remark)
             return
         if remark:

@@ -56,15 +56,15 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
         hint = "it contains a model; use mirdrake import vehicle for vehicles" if models_in else (
             "<world> inside <sdf> is expected"
         )  # fmt: skip
-        raise ModelError(f"{tree.where(root)}: <{root.tag}> contains no world; {hint}")
+        raise ModelError(f"<{root.tag}> contains no world; {hint}", where=tree.where(root))
     version = version_of(root)
     if version < (1, 2):
-        raise ModelError(f"{tree.where(root)}: SDF {root.get('version')} is too old; convert it with gz sdf -c")
+        raise ModelError(f"SDF {root.get('version')} is too old; convert it with gz sdf -c", where=tree.where(root))
     # xacro elements would be dropped like unknown elements, and the world would be almost empty.
     for element in worlds[0]:
         if "xacro" in element.tag:
             raise ModelError(
-                f"{tree.where(element)}: <{element.tag}> is xacro; render the file first: xacro FILE > OUT"
+                f"<{element.tag}> is xacro; render the file first: xacro FILE > OUT", where=tree.where(element)
             )
     name = worlds[0].get("name", "")
     world = SourceWorld(path.stem if name in {"", "default", "world", "default_world"} else name, files=[path])
@@ -131,7 +131,7 @@ class _Reader:
                 name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
                 self._world.objects.append(
                     SourceObject(
-                        name or child.tag, name or child.tag, RigidTransform(), True, broken=[str(error)], where=where
+                        name or child.tag, name or child.tag, RigidTransform(), True, broken=[error], where=where
                     )
                 )
             else:
@@ -170,7 +170,7 @@ class _Reader:
         elif tag == "population":
             inner = child.find("model") if child.find("model") is not None else child.find("include")
             if inner is None:
-                raise ModelError(f"{where}: <population> without a <model>")
+                raise ModelError("<population> without a <model>", where=where)
             before = len(self._models.drafts)
             # A population repeats its model, whose drafts are marked here and not placed themselves.
             (self._models.model if inner.tag == "model" else self._models.include)(inner, self._scope)
@@ -210,7 +210,7 @@ class _Reader:
         width = read_number(child.findtext("width"), where=where, what="<width>")
         width = 1.0 if width is None else width
         if len(points) < 2 or not 0.01 <= width <= 1000.0:
-            raise ModelError(f"{where}: <road> needs two points and a width above 1 cm")
+            raise ModelError("<road> needs two points and a width above 1 cm", where=where)
         words = f"{child.get('name', '')} {text_of(child, 'material/script/name')}"
         self._world.roads.append(Road(child.get("name", "") or "road", np.array(points), width, words, where))
 
@@ -249,7 +249,7 @@ class _Reader:
             where = self._tree.where(scale)
             a, b, c = read_numbers(scale.text, count=3, default=[1, 1, 1], where=where, what="<scale>").tolist()
             if not all(1e-3 <= factor <= 1e3 for factor in (a, b, c)):
-                raise ModelError(f"{where}: <scale> {a:g} {b:g} {c:g} leaves nothing of the model")
+                raise ModelError(f"<scale> {a:g} {b:g} {c:g} leaves nothing of the model", where=where)
             if (a, b, c) != (1.0, 1.0, 1.0):
                 self._scales[name] = (a, b, c)
                 # Scaled props need their shapes scaled, which happens when the model is finished.
@@ -283,7 +283,7 @@ class _Reader:
                     shapes.append(_scaled(replace(part.shape, X_LG=X_MG), scale, X_MW, self._frames.pose(part.link)))
         except ModelError as error:
             # One broken pose makes the whole object unusable, as parts at wrong places would mislead more than none.
-            obj.broken.append(str(error))
+            obj.broken.append(error)
             obj.visuals, obj.collisions = [], []
         return obj
 
@@ -315,7 +315,7 @@ class _Reader:
         try:
             # Worlds have a sun, which is a directional light, and no other lights.
             if kind != "directional":
-                raise ModelError(f"{where}: only the sun is supported")
+                raise ModelError("only the sun is supported", where=where)
             text = element.findtext("direction")
             direction = read_numbers(text, count=3, default=[0, 0, -1], where=where, what="<direction>")
             # The direction is given in the frame of the light, not of the world.
@@ -330,7 +330,7 @@ class _Reader:
         try:
             crowd = read_crowd(element, obj, name, where, self._tree, self._scope.version)
         except ModelError as error:
-            obj.broken.append(str(error))
+            obj.broken.append(error)
             obj.visuals, obj.collisions = [], []
             self._world.objects.append(obj)
             return

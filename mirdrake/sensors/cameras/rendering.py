@@ -92,8 +92,22 @@ def camera_params(world: World) -> RenderEngineVtkParams:
     return params
 
 
-def add_renderer(scene_graph: SceneGraph, name: str, params: RenderEngineVtkParams) -> None:
+def add_renderer(
+    scene_graph: SceneGraph,
+    name: str,
+    params: RenderEngineVtkParams,
+    *,
+    needs: str = "cameras need",
+    instead: str = ", or leave the cameras out",
+) -> None:
     """Add Drake's VTK renderer to a scene graph.
+
+    Args:
+        scene_graph: the scene graph.
+        name: name of the renderer.
+        params: lights, background and shading.
+        needs: beginning of the message of the error.
+        instead: end of the message of the error.
 
     Raises:
         MissingDependencyError: EGL is not available.
@@ -102,8 +116,8 @@ def add_renderer(scene_graph: SceneGraph, name: str, params: RenderEngineVtkPara
     reason = _egl_fault() if sys.platform == "linux" else None
     if reason is not None:
         raise MissingDependencyError(
-            f"cameras need EGL to render ({reason}): install your system's EGL and Mesa drivers "
-            "(Debian: apt install libegl1 libgl1-mesa-dri), or leave the cameras out"
+            f"{needs} EGL to render ({reason}): install your system's EGL and Mesa drivers "
+            f"(Debian: apt install libegl1 libgl1-mesa-dri){instead}"
         )
     scene_graph.AddRenderer(name, MakeRenderEngineVtk(params))
 

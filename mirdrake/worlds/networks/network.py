@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -94,6 +94,18 @@ class PaintedLine:
     color: Literal["white", "yellow"] = "white"
 
 
+class Note(NamedTuple):
+    """A part of the source of a network that is left out or approximated.
+
+    Attributes:
+        part: what it is.
+        detail: how many there are, and what is done with them.
+    """
+
+    part: str
+    detail: str
+
+
 @dataclass(frozen=True, eq=False)
 class Network:
     """A road network."""
@@ -111,8 +123,8 @@ class Network:
     markings: tuple[PaintedLine, ...] = ()
     left_hand: bool = False
     """traffic drives on the left"""
-    notes: tuple[str, ...] = ()
-    """parts of the source that are left out or approximated, one line each"""
+    notes: tuple[Note, ...] = ()
+    """parts of the source that are left out or approximated"""
 
     @cached_property
     def conflicts(self) -> tuple[Conflict, ...]:

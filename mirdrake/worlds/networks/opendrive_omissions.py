@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
 from mirdrake.core.xml_reader import count_unread
-from mirdrake.worlds.networks.network import DRIVEN, Network
+from mirdrake.worlds.networks.network import DRIVEN, Network, Note
 from mirdrake.worlds.networks.opendrive_links import Links, miss
 from mirdrake.worlds.networks.opendrive_road import RoadLanes
 
@@ -32,8 +32,8 @@ def continuity(network: Network) -> Iterator[tuple[str, str, float, float]]:
                 yield lane.id, name, *miss(lane, network.lanes[name])
 
 
-def omissions(root: Element, roads: Mapping[str, RoadLanes], network: Network, links: Links) -> Iterator[str]:
-    """Yield the parts of the file that are left out or approximated, one line each.
+def omissions(root: Element, roads: Mapping[str, RoadLanes], network: Network, links: Links) -> Iterator[Note]:
+    """Yield the parts of the file that are left out or approximated.
 
     Args:
         root: element of the file.
@@ -43,29 +43,29 @@ def omissions(root: Element, roads: Mapping[str, RoadLanes], network: Network, l
     """
     # What this reader adds or drops changes where cars can go, so each kind is reported with its number.
     if links.added:
-        yield f"connections of lanes that the file leaves out: {links.added} added, where lanes meet"
+        yield Note("connections of lanes that the file leaves out", f"{links.added} added, where lanes meet")
     if links.wrong:
-        yield f"connections of lanes with opposite directions, left out: {len(links.wrong)}, first {links.wrong[0]}"
+        yield Note(
+            "connections of lanes with opposite directions, left out", f"{len(links.wrong)}, first {links.wrong[0]}"
+        )
     # Gap and angle are weighed by their tolerances to find the worst connection.
     apart = [row for row in continuity(network) if row[2] > _APART[0] or row[3] > _APART[1]]
     if apart:
         a, b, gap, turn = max(apart, key=lambda row: row[2] / _APART[0] + row[3] / _APART[1])
         count = sum(1 for _ in continuity(network))
-        yield (
-            f"lanes that do not meet: {len(apart)} of {count} connections; worst {a} to {b}, "
-            f"{gap:.3g} m and {math.degrees(turn):.2g} deg"
-        )
+        worst = f"worst {a} to {b}, {gap:.3g} m and {math.degrees(turn):.2g} deg"
+        yield Note("lanes that do not meet", f"{len(apart)} of {count} connections; {worst}")
     if missing := list(_missing_ends(root, roads)):
-        yield f"links to roads or junctions that the file does not contain: {len(missing)}, first {missing[0]}"
+        yield Note("links to roads or junctions that the file does not contain", f"{len(missing)}, first {missing[0]}")
     kinds = Counter(element.get("type") for element in root.iterfind("junction"))
     if virtual := kinds["virtual"]:
-        yield f"virtual junctions, whose connections begin within a road: {virtual}"
+        yield Note("virtual junctions, whose connections begin within a road", f"{virtual}")
     for tag, count in count_unread(root, read=_READ, leaves=_LEAVES, metadata=_METADATA).items():
-        yield f"elements <{tag}>{_MEANING.get(tag, '')}: {count}"
+        yield Note(f"elements <{tag}>{_MEANING.get(tag, '')}", f"{count}")
     offset = root.find("header/offset")
     # An offset such as "0.0" or "-0" shifts nothing.
     if offset is not None and any((offset.get(key) or "0").strip("-+.0eE") for key in ("x", "y", "hdg")):
-        yield "offset of the header: positions are those of the roads"
+        yield Note("offset of the header", "positions are those of the roads")
 
 
 def _missing_ends(root: Element, roads: Mapping[str, RoadLanes]) -> Iterator[str]:

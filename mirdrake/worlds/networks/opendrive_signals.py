@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.worlds.networks.lane import Lane
-from mirdrake.worlds.networks.network import DRIVEN, Control, Signal, StopLine, signal_name
+from mirdrake.worlds.networks.network import DRIVEN, Control, Note, Signal, StopLine, signal_name
 from mirdrake.worlds.networks.opendrive_links import lane_id
 from mirdrake.worlds.networks.opendrive_road import RoadLanes
 from mirdrake.worlds.opendrive_parts import Places, number_of
@@ -37,7 +37,7 @@ class _Mark:
 
 def read_signals(
     root: Element, roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], places: Places
-) -> tuple[dict[str, Signal], tuple[StopLine, ...], tuple[str, ...]]:
+) -> tuple[dict[str, Signal], tuple[StopLine, ...], tuple[Note, ...]]:
     """Return the signals by name, the stop lines, and the signals without effect, one line for each type.
 
     Args:
@@ -83,8 +83,8 @@ def read_signals(
     # Only after all signals are known, because a reference may precede the signal that it names.
     for road in roads.values():
         marks += _references(road, signals, lanes, places)
-    notes = [f"signs of type {code}, without effect: {count}" for code, count in sorted(unread.items())]
-    notes += [f"objects of type {kind}: {count}" for kind, count in sorted(objects.items())]
+    notes = [Note(f"signs of type {code}, without effect", f"{count}") for code, count in sorted(unread.items())]
+    notes += [Note(f"objects of type {kind}", f"{count}") for kind, count in sorted(objects.items())]
     return signals, tuple(_stop_lines(marks, lines, lanes)), tuple(notes)
 
 

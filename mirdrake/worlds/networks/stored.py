@@ -8,7 +8,7 @@ import numpy as np
 
 from mirdrake.core.json_io import Json
 from mirdrake.worlds.networks.lane import Lane
-from mirdrake.worlds.networks.network import Junction, Network, PaintedLine, Signal, StopLine
+from mirdrake.worlds.networks.network import Junction, Network, Note, PaintedLine, Signal, StopLine
 
 
 def network_data(network: Network) -> Json:
@@ -22,7 +22,7 @@ def network_data(network: Network) -> Json:
         "priorities": sorted(map(list, network.priorities)),
         "markings": [_plain(line) for line in network.markings],
         "left_hand": network.left_hand,
-        "notes": list(network.notes),
+        "notes": [list(note) for note in network.notes],
     }
 
 
@@ -48,7 +48,7 @@ def read_network_data(data: Mapping[str, Any]) -> Network:
             for line in data["markings"]
         ),
         left_hand=data["left_hand"],
-        notes=tuple(data["notes"]),
+        notes=tuple(Note(*note) for note in data["notes"]),
     )
 
 
