@@ -26,13 +26,12 @@ class Criterion:
     Attributes:
         name: ``cheaper_than_baseline``: cost less than that of the baseline; ``cheaper_in_runs``: median over the runs
             of the Monte Carlo of the cost over that of the baseline, less than 1; ``constraint``: a figure within its
-            limit; ``monte_carlo``: number of runs that are not stable, at most
-            those in which the present control is not either; ``finer_step``: 1 if not stable at a finer step
-            of the plant; ``own_slopes``: 1 if it does not follow the vehicle's own slopes of the set-point;
-            ``no_costlier_than_rule``: median over the runs of the cost over that of the best rule, at
-            most 1; without a Monte Carlo, cost of at most that of the rule; ``robust_unlike_rules``: 1 if
-            feasible and robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible, as no rule is; ``schedule``:
-            number of speeds at which the gain schedule breaks a constraint.
+            limit; ``monte_carlo``: number of runs that are not stable, at most those in which the present control is
+            not stable either; ``finer_step``: 1 if not stable at a finer step of the plant; ``own_slopes``: 1 if it
+            does not follow the vehicle's own slopes of the set-point; ``no_costlier_than_rule``: median over the runs
+            of the cost over that of the best rule, at most 1; without a Monte Carlo, cost of at most that of the rule;
+            ``robust_unlike_rules``: 1 if feasible and robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible,
+            as no rule is; ``schedule``: number of speeds at which the gain schedule breaks a constraint.
         value: of the candidate; None if it is undefined.
         limit: of the value.
         met: whether the criterion is met.

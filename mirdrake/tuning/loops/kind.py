@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+from mirdrake.core.pid import PidLimits
 from mirdrake.tuning.designs import Design, OmittedDesign, make_designs
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.search_range import Range
@@ -17,6 +18,11 @@ class Bench(Protocol):
     """A built loop on which gains are tested."""
 
     spec: LoopSpec
+
+    @property
+    def limits(self) -> PidLimits:
+        """Limits of the effort."""
+        ...
 
     def identify(self) -> "Identification":
         """Return the loop with its model."""
