@@ -104,7 +104,7 @@ def test_the_view_has_all_layers_and_buttons_toggle_them(call: Call) -> None:
 
 def test_people_have_a_symbol_of_a_least_size_and_actors_are_at_their_starts(call: Call) -> None:
     meshcat, _ = show_examination(examine("pedestrian_crossing"), port=0)
-    for path in ("names/walker", "names/walker (symbol)/head", "visualizer/actors"):
+    for path in ("names/walker", "names/walker (symbol)/head", "visualizer/actor/walker"):
         assert meshcat.HasPath(f"/drake/{path}"), path
 
 

@@ -58,7 +58,7 @@ def write_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or first_line(error)
-        raise RunError(f"{path}: cannot be written: {reason}; choose another folder") from None
+        raise RunError(f"cannot be written: {reason}; choose another folder", where=str(path)) from None
 
 
 @contextmanager
@@ -74,7 +74,7 @@ def read_errors(path: Path) -> Iterator[None]:
         if not isinstance(error, (*_DAMAGE, *((arrow.ArrowException,) if arrow is not None else ()))):
             raise
         reason = getattr(error, "strerror", None) or first_line(error)
-        raise ConfigError(f"{path}: damaged, cannot be read: {reason[:160]}") from error
+        raise ConfigError(f"damaged, cannot be read: {reason[:160]}", where=str(path)) from error
 
 
 _DAMAGE = (

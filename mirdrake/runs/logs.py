@@ -221,9 +221,9 @@ def load_run(folder: Path | str) -> Run:
     """
     folder = Path(folder)
     if not folder.exists():
-        raise ConfigError(f"{folder}: no such folder")
+        raise ConfigError("no such folder", where=str(folder))
     if not (folder / SPEC).is_file():
-        raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
+        raise ConfigError(f"not a run folder (it has no {SPEC})", where=str(folder))
     with read_errors(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
     with read_errors(folder / SUMMARY):
@@ -255,7 +255,7 @@ def reading_run(folder: Path | None) -> Iterator[None]:
         with read_errors(folder or Path()):
             yield
     except (RuntimeError, AssertionError, SystemExit) as error:  # Drake raises SystemExit for a failed assertion
-        raise ConfigError(f"{folder}: damaged, cannot be used: {first_line(error)[:160]}") from error
+        raise ConfigError(f"damaged, cannot be used: {first_line(error)[:160]}", where=str(folder)) from error
 
 
 def reads_run(function: Callable[Concatenate[Run, P], T]) -> Callable[Concatenate[Run, P], T]:
@@ -326,7 +326,7 @@ def occupied(folder: Path) -> RunError:
         summary = None
     failed = isinstance(summary, dict) and summary.get("stop_reason") == StopReason.FAILED
     reason = "holds a failed run, which can be deleted; do so, or" if failed else "is not empty;"
-    return RunError(f"{folder}: {reason} choose another folder with --out")
+    return RunError(f"{reason} choose another folder with --out", where=str(folder))
 
 
 class RunWriter:
@@ -352,7 +352,9 @@ class RunWriter:
             if any(folder.iterdir()):
                 raise occupied(folder)
         except OSError as error:
-            raise RunError(f"{folder}: cannot be created: {error.strerror}; choose another folder with --out") from None
+            raise RunError(
+                f"cannot be created: {error.strerror}; choose another folder with --out", where=str(folder)
+            ) from None
         try:
             write_file(folder / SPEC, yaml.safe_dump(dict(spec), sort_keys=False, allow_unicode=True, width=100))
         except RunError:

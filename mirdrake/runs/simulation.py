@@ -210,8 +210,8 @@ class Simulation:
             summary = figures(table)
         # Raised only now, when the folder with the samples that explain the failure is complete.
         if stop.reason is StopReason.FAILED:
-            prefix = f"{writer.folder}: " if writer is not None else ""
-            raise RunError(f"{prefix}the run failed at t = {simulated:.3f} s: {stop.detail}")
+            place = str(writer.folder) if writer is not None else ""
+            raise RunError(f"the run failed at t = {simulated:.3f} s: {stop.detail}", where=place)
         written = writer.folder if writer else None
         return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
 

@@ -116,11 +116,13 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
         result = _judge(case, folder, case_folder)
     # Invalid worlds have their own verdict: a random world may fail its rules without a fault of the vehicle.
     except WorldError as error:
-        result = Result(case.name, "invalid", _line(error))
+        result = Result(case.name, "invalid", _line(str(error)))
     except MirdrakeError as error:
-        result = Result(case.name, "error", _line(error).removeprefix(f"{case_folder}: "))
+        # The result names the folder of the case already.
+        text = error.text if error.where == str(case_folder) else str(error)
+        result = Result(case.name, "error", _line(text))
     except BaseException as error:  # also SystemExit, and a KeyboardInterrupt that a behaviour raises
-        result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
+        result = Result(case.name, "error", f"{type(error).__name__}: {_line(str(error))}".removesuffix(": "))
     # Only runs worth looking at are kept; a suite may have thousands of cases that pass.
     if case_folder is not None and result.verdict == "pass" and not keep_all:
         shutil.rmtree(case_folder, ignore_errors=True)
@@ -167,7 +169,7 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
         seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles, wanted=wanted)
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
     except RunError as error:
-        fault = fault or _line(error)
+        fault = fault or _line(str(error))
     if not fault:
         findings += _findings_of_others(case, run, world, vehicles)
     broken = [finding for finding in findings if not finding.passed]
@@ -229,7 +231,7 @@ def _judgement(finding: Finding) -> Judgement:
     )
 
 
-def _line(error: BaseException) -> str:
+def _line(text: str) -> str:
     # Reasons are one line in tables and in the results file.
-    lines = str(error).strip().splitlines()
+    lines = text.strip().splitlines()
     return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "") if lines else ""
