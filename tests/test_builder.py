@@ -160,6 +160,21 @@ def test_blocks_are_added_and_replaced(vehicle):
     assert "half: pydrake.systems.primitives:Gain" in repr(d)
 
 
+def test_a_block_of_this_session_is_built_again_with_its_new_parameters():
+    """Its parameters are not in the data of the diagram, as no file could name its class."""
+
+    class Session(Through):
+        pass
+
+    d, ego = small("unior")
+    for gain in (2.0, 0.5):
+        d.replace(ego.control.steering_actuator, Session, gain=gain)
+        run = d.simulate(0.2)
+        actuator, reference = run["ego.control.steering_actuator.steering"], run["ego.steering_setpoint"]
+        np.testing.assert_allclose(actuator.to_numpy(), gain * reference.to_numpy(), rtol=1e-9, atol=0.0)
+        assert np.abs(actuator.to_numpy()).max() > 0.0
+
+
 def test_names_complete_and_print():
     d, ego = small()
     assert {"error", "output", "reference"} <= set(dir(ego.control.speed_pid))

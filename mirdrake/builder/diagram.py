@@ -548,6 +548,9 @@ class Diagram:
         return name
 
     def _add(self, name: str, system: str | type[System] | System, parameters: Mapping[str, Any]) -> Name:
+        # Parameters of a class of this session, or its code after its cell was run again, are not in the data that a
+        # built diagram is kept for.
+        self._built.clear()
         # The name of a kind is written to the file. For an object or a class a factory is kept as well: the file cannot
         # contain it.
         if isinstance(system, str):
