@@ -97,6 +97,26 @@ def test_a_search_that_ends_at_its_borders():
     assert (never.failed, never.reason) == (5.0, "no")
 
 
+@pytest.mark.parametrize("guess", [8.0, 17.5, 18.5, 30.0])
+def test_a_search_ends_at_the_first_failure_from_below(guess):
+    """The vehicle fails from 14.2 to 14.6 and from 16.1 to 16.6, and passes between them by chance."""
+    tried = []
+
+    def attempt(speed):
+        tried.append(speed)
+        return speed, "a cone" if 14.2 < speed < 14.6 or 16.1 < speed < 16.6 or speed > 18.0 else ""
+
+    limit = find_highest(attempt, lowest=5.0, highest=30.0, guess=guess, resolution=0.1, check=2.0, step=0.25)
+    assert limit.best == limit.passed <= 14.2 < limit.failed <= limit.passed + 0.1
+    assert len(tried) == len(set(tried)) < 45
+    # No grid of speeds shows a failure that is narrower than its step, or farther below the limit than the range.
+    narrow = find_highest(
+        lambda speed: (speed, "a cone" if 14.26 < speed < 14.45 or speed > 18.0 else ""),
+        lowest=5.0, highest=30.0, guess=8.0, resolution=0.1, check=4.0, step=0.25,
+    )  # fmt: skip
+    assert narrow.passed == pytest.approx(18.0, abs=0.1)
+
+
 def test_an_eased_figure_of_eight_joins_two_circles():
     line, shift = eight(radius=9.0, laps=1, ease=4.0), 4.0**2 / 54.0
     for part, centre in ((line.s < 45.0, -9.0 - shift), ((line.s > 65.0) & (line.s < 110.0), 9.0 + shift)):

@@ -30,14 +30,14 @@ _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")
 
 _APPROACH = 0.8
-"""Speed at the start over that of the timed laps [1]: a car that starts at its limit with straight wheels would leave
-the lane before it turns."""
+"""Speed at the start of a circle over that of its timed lap [1]: a car that enters a circle at its limit, with straight
+wheels or from the other side, oscillates laterally in the timed lap or leaves the lane."""
 
 _PARTS = (0.2, 0.4)
-"""Parts of the first lap with that speed, and with a rising speed [1]."""
+"""Parts of the untimed lap of a circle with that speed, and with a rising speed [1]."""
 
 _EXTRA_TIME = _PARTS[0] * (1.0 / _APPROACH - 1.0) + _PARTS[1] * (2.0 / (1.0 + _APPROACH) - 1.0)
-"""Extra time of the first lap for it, over the time of a lap [1]."""
+"""Extra time of an untimed lap for it, over the time of a timed lap [1]."""
 
 
 class SkidpadSpec(ManoeuvreSpec):
@@ -53,7 +53,7 @@ class SkidpadSpec(ManoeuvreSpec):
     diameter: Length = setting(17.10, "D of the formula g = 2.012 D / t²", "m", "E", "FSAE 2014", gt=0.0)
     highest: Speed = setting(60.0 * KMH, "highest speed of the bisection", "m/s", "own", gt=0.0)
     lowest: Speed = setting(15.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
-    resolution: Speed = setting(0.1 * KMH, "difference of speeds at which the bisection ends", "m/s", "own", gt=0.0)
+    resolution: Speed = setting(0.05 * KMH, "difference of speeds at which the bisection ends", "m/s", "own", gt=0.0)
     time_step: Duration = time_step_setting(0.0025, "the limit needs it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
@@ -116,21 +116,28 @@ class SkidpadSpec(ManoeuvreSpec):
     def _try(self, rig: Rig, speed: float) -> tuple[Record, str]:
         radius, facts = self.path_radius, rig.facts
         lap = 2.0 * math.pi * radius
+        swing = 2.0 * math.atan(facts.wheelbase / radius) / facts.steering_rate  # time from one side to the other [s]
         if self.layout == "eight":
-            swing = 2.0 * math.atan(facts.wheelbase / radius) / facts.steering_rate  # from one side to the other
             # The curvature changes over the distance travelled while the steering turns from one side to the other.
             line = {"kind": "eight", "radius": radius, "laps": 2, "ease": 0.5 * swing * speed}
-            length = 4.0 * lap
+            laps, circles = 4.0, 2
         else:
             line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
-            length = 2.1 * lap
-        # The speed rises in the first lap; only the second lap of each direction is timed.
+            laps, circles = 2.1, 1
         start = make_line(line)
         # One per cent more path than the laps and 0.2 s, so that the last crossing is in the record.
-        duration = (length * 1.01 + _EXTRA_TIME * lap) / speed + 0.2
-        # Durations of the parts of the first lap: constant slow speed, then at the mean of slow and full speed.
+        duration = (laps * 1.01 + circles * _EXTRA_TIME) * lap / speed + 0.2
+        # Only the second lap of each direction is timed; in the first, the speed rises.
+        # Durations of its parts: constant slow speed, then at the mean of slow and full speed.
         slow, rising = _PARTS[0] * lap / (_APPROACH * speed), _PARTS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
-        speeds = [[0.0, _APPROACH * speed], [slow, _APPROACH * speed], [slow + rising, speed]]
+        both = (2.0 + _EXTRA_TIME) * lap / speed  # duration of the laps of a circle
+        speeds: list[list[float]] = []
+        for begin in (number * both for number in range(circles)):
+            if speeds:
+                speeds.append([begin, speed])
+            # The speed is reduced within the distance in which the curvature changes.
+            entry = begin + (swing if speeds else 0.0)
+            speeds += [[entry, _APPROACH * speed], [begin + slow, _APPROACH * speed], [begin + slow + rising, speed]]
         # Untimed laps may leave the lane by its width; a timed lap must stay inside and hold the speed.
         half = 0.5 * (self.width - facts.width)
         # The figure of eight starts with the circle to the right, whose centre is at negative y.
@@ -143,8 +150,8 @@ class SkidpadSpec(ManoeuvreSpec):
             y = state[1] + facts.ahead * math.sin(state[5])
             away = [math.hypot(x, y - centre) - radius for centre in centres]
             out = max(-min(away), min(away)) - half  # over the inner cones of a circle, or the outer ones of both
-            # Laps 0 and 2 are untimed, 1 and 3 timed, counted at constant speed after the slow start.
-            timed = math.floor(time * speed / lap - _EXTRA_TIME) in {1, 3}
+            # The second lap of a circle is timed, after the slow first lap.
+            timed = time % both > both - lap / speed
             if out > (0.02 if timed else self.width):
                 faults.append(f"it left its lane by {out:.2f} m")
                 return faults[-1]
