@@ -20,7 +20,7 @@ from mirdrake.identification.data import make_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.output_error import between_structures
 from mirdrake.identification.estimators.problem import Problem
-from mirdrake.identification.estimators.structure import _is_excused, predicts_better, rivals_of
+from mirdrake.identification.estimators.structure import _implausible, _is_excused, predicts_better, rivals_of, standard_deviations
 from mirdrake.identification.fit import ChannelFit
 from mirdrake.identification.identifiability import CALIBRATION, Uncertainty, combinations, judge
 from mirdrake.identification.identify import identify
@@ -159,12 +159,31 @@ def test_the_memory_that_all_residuals_share_enlarges_all_noise_alike(shared):
         white[k] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[k])
     problem: Any = SimpleNamespace(
         traces=lambda _: [white], model=SimpleNamespace(outputs=("yaw_rate", "vy")), _measured=[np.zeros_like(white)],
-        masks=[np.ones_like(white, dtype=bool)],
+        masks=[np.ones_like(white, dtype=bool)], shared=True,
     )  # fmt: skip
     noise = Problem.spread(problem, np.zeros(0))
-    expected = ((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5 if shared else 1.0
+    larger = ((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5
+    expected = larger if shared else 1.0
     assert noise["yaw_rate"] == pytest.approx(expected, rel=0.05)
     assert noise["vy"] == pytest.approx(expected, rel=0.05)
+    # Where the structure is settled, each output has its own.
+    problem.shared = False
+    noise = Problem.spread(problem, np.zeros(0))
+    assert noise["yaw_rate"] == pytest.approx(expected, rel=0.05)
+    assert noise["vy"] == pytest.approx(larger, rel=0.05)
+
+
+@pytest.mark.parametrize(("sigma", "excluded"), [(0.05, True), (0.3, False)])
+def test_a_value_that_no_vehicle_has_counts_where_the_logs_exclude_the_range(sigma, excluded):
+    """A friction of 2.4 is 0.18 above 2.0 in its logarithm: 3.6 or 0.6 standard deviations."""
+    friction = FitParameter(Parameter("friction_rear", "1", "", 0.9, 0.05, 3.0), "free")
+    problem: Any = SimpleNamespace(
+        free=[friction], jacobian=lambda _: np.array([[1.0 / sigma]]),
+        model=SimpleNamespace(plausible_range=lambda *_: (0.05, 2.0)),
+    )  # fmt: skip
+    minimum: Any = SimpleNamespace(values={"friction_rear": 2.4}, problem=problem, z=np.zeros(1))
+    assert standard_deviations(minimum) == pytest.approx(sigma)
+    assert _implausible(minimum) == ({"friction_rear": pytest.approx(np.log(1.2))} if excluded else {})
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 1.0), (0.03, 1.5), (0.2, 0.2**0.5 * 1e3)])
@@ -175,7 +194,7 @@ def test_outliers_are_a_few_samples_and_transients_that_do_not_fit_are_not(share
     off[:, random.random(50_000) < share] *= 1e3
     problem: Any = SimpleNamespace(
         traces=lambda _: [off], model=SimpleNamespace(outputs=("vy",)), _measured=[np.zeros_like(off)],
-        masks=[np.ones_like(off, dtype=bool)],
+        masks=[np.ones_like(off, dtype=bool)], shared=True,
     )  # fmt: skip
     noise = Problem.spread(problem, np.zeros(0))["vy"]
     # Twice the 95th percentile of the sizes limits the outliers: their root mean square is less than the plain one.

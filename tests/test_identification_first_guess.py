@@ -75,6 +75,23 @@ def test_one_speed_without_noise_does_not_separate_a_zero_of_the_steering_from_a
     assert abs(0.7 * guess.curvature) < 0.005  # half of what is usual for an angle sensor
 
 
+@pytest.mark.parametrize("zero", [0.0, 0.3])
+def test_one_angle_does_not_separate_ratio_and_zero_of_a_command(zero):
+    """A circle steered by hand: the zero is that of a vehicle with wheels aligned, unless the logs show another one."""
+    random = np.random.default_rng(5)
+    v = 8.0 + 2.0 * np.sin(0.2 * TIME)
+    wander = (0.0002 if zero == 0.0 else 0.05) * np.sin(0.9 * TIME)
+    angle = 0.06 * (1.0 + wander / 0.1)
+    channels = {
+        "vx": v + random.normal(0.0, 0.02, len(TIME)), "steering_command": zero + 2.2 * angle,
+        "yaw_rate": v * angle / 1.4 + random.normal(0.0, 0.02, len(TIME)),
+    }  # fmt: skip
+    guess = guess_steering([Log("circle", "train", TIME, channels)], "steering_command")
+    assert guess is not None
+    assert guess.gain * 1.4 == pytest.approx(1.0 / 2.2, rel=0.1)
+    assert guess.curvature / guess.gain == pytest.approx(-zero, abs=0.02)
+
+
 def test_skids_do_not_change_the_guess():
     """Three seconds of skidding in every minute, with an arbitrary yaw rate; single glitches are repaired before."""
     log = steady()

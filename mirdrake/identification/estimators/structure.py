@@ -26,7 +26,7 @@ from mirdrake.identification.estimators.output_error import initial_noise
 from mirdrake.identification.estimators.problem import Problem, transfer_states
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.sensitivity import SensitivityAnalysis, list_assumptions
-from mirdrake.identification.estimators.solve import Minimum, minimise
+from mirdrake.identification.estimators.solve import Minimum, inverse, minimise
 from mirdrake.identification.models.base import Addition, Array, Model, ModelSpec
 from mirdrake.identification.models.registry import check_options, make_model, model_class
 from mirdrake.identification.parameters import Setting, known_values, resolve_parameters
@@ -39,6 +39,9 @@ MAX_ITERATIONS = 15
 
 PROMISE = 2.0
 """Gain of twice the log-likelihood that the gradient must promise before an addition is fitted [1]."""
+
+EXCLUDED = 2.0
+"""Standard deviations from which on the logs exclude a value [1]."""
 
 ROUNDS = 6
 """Largest number of additions, one a round: an earlier effect may have hidden a later one."""
@@ -232,15 +235,27 @@ def _promising(
 
 
 def _implausible(minimum: Minimum) -> dict[str, float]:
-    """Return the free parameters whose values no vehicle can have, and how far their scaled values are out of range."""
+    """Return the free parameters whose values no vehicle can have, and how far their scaled values are out of range.
+
+    The logs must exclude the range: a parameter that they do not determine, as the friction of tyres that do not
+    saturate, has any value.
+    """
     values, out = minimum.values, {}
-    for parameter in minimum.problem.free:
+    for parameter, sigma in zip(minimum.problem.free, standard_deviations(minimum), strict=True):
         name = parameter.info.name
         low, high = minimum.problem.model.plausible_range(name, values)
         if not low < values[name] < high:
             end = low if values[name] <= low else high
-            out[name] = abs(parameter.to_scaled(values[name]) - parameter.to_scaled(end))
+            distance = abs(parameter.to_scaled(values[name]) - parameter.to_scaled(end))
+            if distance > EXCLUDED * sigma:
+                out[name] = distance
     return out
+
+
+def standard_deviations(minimum: Minimum) -> Array:
+    """Return the standard deviations of the scaled free parameters (p), for white noise of the size of the problem."""
+    jacobian, count = minimum.problem.jacobian(minimum.z), len(minimum.problem.free)
+    return np.asarray(np.sqrt(np.diag(inverse(jacobian.T @ jacobian))[:count]))
 
 
 def _is_excused(implausible: Mapping[str, float], plain: Mapping[str, float]) -> bool:

@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.data import Array, Log
+from mirdrake.identification.evidence import likelihood_gain, required_gain
 from mirdrake.identification.parameters import Parameter
 from mirdrake.identification.relations import Grid, make_grid
 from mirdrake.identification.timing import median_step
@@ -49,6 +50,9 @@ _UNDERSTEER = (-0.5, 4.0)
 MODEL_ERROR = 0.01
 """Least error of the regression over the deviation of the yaw rate [1]: without noise, what the regression neglects
 must not separate a zero of the steering from a bias of the gyro at one speed."""
+
+ALIGNED_WITHIN = 0.01
+"""Usual road wheel angle at zero of the channel [rad]: 9 degrees of a hand wheel."""
 
 _BIAS = 0.02
 """Usual bias of a gyro [rad/s]."""
@@ -107,11 +111,21 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     # the smoothing are not independent: they count once.
     memory = max(_SLOW / min(median_step(log.time) for log in logs), 1.0)
     bias = memory**0.5 / _BIAS
-    plain = _robust(base[:, :3], r, np.array([0.0, 0.0, bias]))
+    penalty = np.diag([0.0, 0.0, bias, 0.0])
+    # One angle does not separate ratio and zero of the channel; its zero is then that of a vehicle with wheels aligned,
+    # unless the logs show another one, as of a command of a servo.
+    length = min(LONGEST, STEEPEST / max(tightest, 1e-9))
+    aligned = np.vstack((penalty, memory**0.5 * length / ALIGNED_WITHIN * np.array([-middle, 1.0, 0.0, 0.0])))
+    free, held = (r - base[:, :3] @ _robust(base[:, :3], r, rows[:, :3]) for rows in (penalty, aligned))
+    gain_of_zero, effective = likelihood_gain(held, free)
+    is_aligned = gain_of_zero < required_gain(effective, 1.0)
+    if is_aligned:
+        penalty = aligned
+    plain = _robust(base[:, :3], r, penalty[:, :3])
     # A gain of zero or less, or a poor correlation, means that the column is not the steering.
     if plain[0] <= 0.0:
         return None
-    solved = _robust(base, r, np.array([0.0, 0.0, bias, _HELD / plain[0]]))
+    solved = _robust(base, r, np.vstack((penalty, [0.0, 0.0, 0.0, _HELD / plain[0]])))
     # Nearly one speed does not separate gain and understeer; the regression then has a gain of any size. Without
     # understeer there may be nothing left to explain.
     is_plain = 1.4826 * float(np.median(np.abs(r - base[:, :3] @ plain))) < MODEL_ERROR * float(np.std(r))
@@ -151,11 +165,11 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
 
 
 def _robust(base: Array, values: Array, penalty: Array) -> Array:
-    """Solve least squares with Huber's, then Tukey's weights; `penalty` pulls unknowns towards zero, over the noise."""
+    """Solve least squares with Huber's, then Tukey's weights; rows of `penalty` are kept near zero, over the noise."""
     weights, unknowns = np.ones(len(values)), np.zeros(base.shape[1])
     noise = float(np.std(values))
     for turn in range(20):
-        rows = np.vstack((base * weights[:, None], np.diag(penalty) * noise))
+        rows = np.vstack((base * weights[:, None], penalty * noise))
         # Columns are scaled to unit length, as commands may be of any size (0 to 1, or 1500 ticks).
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         unknowns = (
