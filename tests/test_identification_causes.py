@@ -20,7 +20,13 @@ from mirdrake.identification.data import make_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.output_error import between_structures
 from mirdrake.identification.estimators.problem import Problem
-from mirdrake.identification.estimators.structure import _implausible, _is_excused, predicts_better, rivals_of, standard_deviations
+from mirdrake.identification.estimators.structure import (
+    _implausible,
+    _is_excused,
+    predicts_better,
+    rivals_of,
+    standard_deviations,
+)
 from mirdrake.identification.fit import ChannelFit
 from mirdrake.identification.identifiability import CALIBRATION, Uncertainty, combinations, judge
 from mirdrake.identification.identify import identify
