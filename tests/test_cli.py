@@ -67,7 +67,8 @@ def call_command(
         (
             "run",
             "drive.yaml --trust",
-            "unknown arguments: --trust; it is an option of mirdrake check, mirdrake draw, mirdrake ports only;",
+            "unknown arguments: --trust; it is an option of mirdrake check, mirdrake draw, mirdrake ports, "
+            "mirdrake world check only;",
         ),
         (
             "world test",
@@ -92,6 +93,18 @@ def call_command(
 def test_a_wrong_option_is_reported_in_one_line(call_command, verb, words, message):
     expected = f"error: {message} see mirdrake {verb} --help\n"
     assert call_command(*f"{verb} {words}".split()) == (2, "", expected)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("tune aply runs/tuned", "; did you mean the command 'apply'? see"),
+        ("tune bolt_speed runs/tuned", "; see"),
+    ],
+)
+def test_a_misspelt_command_below_another_one_is_suggested(call_command, words, hint):
+    error = f"error: unknown arguments: runs/tuned{hint} mirdrake tune run --help\n"
+    assert call_command(*words.split()) == (2, "", error)
 
 
 def test_an_unknown_command_is_reported_in_one_line(tmp_path: Path) -> None:
@@ -290,6 +303,20 @@ def test_user_modules_are_executed_only_with_trust(
         assert f"  not {word}: {part}: mirdrake {verb} executes user modules only with --trust" in out
     assert call_command(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
     assert (tmp_path / "executed").exists()
+
+
+@pytest.mark.parametrize("verb", ["check", "ports"])
+def test_signals_of_user_systems_are_not_checked_without_trust(
+    verb: str, call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    text = DRIVE.replace("record: {", "record: {signals: [slow.limited], ") + "systems: {slow: {kind: 'own:Slow'}}\n"
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    code, out, err = call_command(verb, "own.yaml")
+    assert code == 0, err
+    assert "record.signals: slow.limited: mirdrake" in out + err
+    code, _, err = call_command(verb, "own.yaml", "--set", "record.signals=[slw.limited]")
+    assert code == 2
+    assert "no signal matches 'slw.limited'" in err
 
 
 def test_a_study_is_checked_without_its_metrics_functions(

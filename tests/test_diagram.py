@@ -3,6 +3,7 @@
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -17,6 +18,7 @@ import mirdrake as mir
 from mirdrake.assembly.diagram import assemble, make_spec
 from mirdrake.assembly.diagram_spec import without_user_systems
 from mirdrake.assembly.drawing import draw_svg, fit_svg, layout_command, run_dot, write_dot
+from mirdrake.assembly.speed_limits import limited_speeds
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.cli import main as mir_main
 from mirdrake.controllers.platoon import CaccSpec
@@ -24,6 +26,7 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.signals import signals
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.runs.simulation import simulate
+from mirdrake.vehicles import load_vehicle
 
 POINT: dict[str, Any] = {"contact": "point"}
 QUIET = {"meshcat": False, "report": False}
@@ -115,6 +118,59 @@ def test_without_user_systems_nothing_is_connected_to_what_is_left_out() -> None
         "4 connections of these",
     ]
     assert assemble(rest).unread == ()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "left_out"),
+    [
+        ("slow.limited", True),
+        ("sl?w.*", True),
+        ("*.limited", True),
+        ("[rs]low.limited", True),
+        ("ego.driver.state", True),
+        ("ego.control.pedals.gain", True),
+        ("slower.limited", False),
+        ("ego.control.steering*", False),
+        ("ego.vx", False),
+    ],
+)
+def test_patterns_of_signals_that_are_left_out_are_left_out_too(pattern: str, left_out: bool) -> None:
+    spec = make_spec(
+        drive(
+            control={"ego": {"kind": "own:Driver"}},
+            systems={"slow": {"kind": "own:Slow"}, "ego.control.pedals": {"kind": "own:Pedals"}},
+            record={"signals": [pattern]},
+        )
+    )
+    rest, lines = without_user_systems(spec)
+    assert rest.record.signals == (True if left_out else [pattern])
+    assert (f"record.signals: {pattern}" in lines) is left_out
+    assert spec.record.signals == [pattern]
+
+
+@pytest.mark.parametrize(
+    ("driver", "given"),
+    [
+        ({"kind": "constant", "speed": 2.1}, "2.1 m/s"),
+        ({"kind": "constant", "speed": -2.1}, "2.1 m/s"),
+        ({"kind": "constant", "speed": 2.0}, None),
+        ({"kind": "blind"}, "5 m/s"),
+        ({"kind": "schedule", "rows": [{"time": 0, "speed": 1}, {"time": 1, "speed": 3}]}, "3 m/s"),
+        ({"kind": "own:Driver", "speed": 9.0}, None),
+    ],
+)
+def test_set_points_above_the_speed_limit_of_the_control_unit_are_reported(
+    driver: dict[str, Any], given: str | None
+) -> None:
+    bolt = load_vehicle("bolt")
+    assert bolt.control.speed.max_speed is None
+    spec = make_spec(drive(control={"ego": driver}))
+    assert limited_speeds(spec, {"ego": bolt}) == []
+    control = bolt.control.model_copy(update={"speed": bolt.control.speed.model_copy(update={"max_speed": 2.0})})
+    lines = limited_speeds(spec, {"ego": replace(bolt, control=control)})
+    assert len(lines) == (given is not None)
+    for line in lines:
+        assert f"the set-point is {given}; the control unit of ego limits it to 2 m/s" in line
 
 
 def test_elements_of_a_default_source_without_names_cannot_be_filled_in() -> None:

@@ -16,6 +16,7 @@ import yaml
 
 from mirdrake.assembly.diagram import assemble, load_diagram
 from mirdrake.cli import main
+from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.runs.simulation import Simulation, simulate
 from mirdrake.suites import collect_cases
 from mirdrake.vehicles import load_vehicle
@@ -146,7 +147,7 @@ def test_a_user_system_can_replace_the_pedal_controller(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("page", "count"), [("python", 5), ("batch", 6), ("diagrams", 3), ("worlds", 1)])
+@pytest.mark.parametrize(("page", "count"), [("python", 5), ("batch", 6), ("diagrams", 3), ("worlds", 2)])
 def test_the_python_of_a_page_runs_in_order(page, count, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYGAME_HIDE_SUPPORT_PROMPT", "hide")  # Gymnasium sets it
@@ -214,6 +215,30 @@ def test_a_block_with_a_scan_as_its_input_stops_the_car(tmp_path, monkeypatch):
     # Resolution 0.05 m, noise 0.02 m; the wall is 4 m wide.
     assert found["points"][hit, 0].min() == pytest.approx(4.0, abs=0.1)
     assert np.ptp(found["points"][hit, 1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_the_driver_class_of_the_page_on_worlds_stops_before_a_wall(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "worlds.md").read_text("utf-8")
+    section = page[page.index("### A driver of your own") :]
+    (block,) = re.findall(r"```python\n(.*?)```", section[: section.index("## From Gazebo")], re.DOTALL)
+    Path("my_driver.py").write_text(block, encoding="utf-8")
+    wall = "mirdrake: world/1\nground: {surface: asphalt}\nstart: {here: {at: [0, 0]}}\n"
+    Path("wall.yaml").write_text(f"{wall}props: [{{box: [0.5, 4, 1.5], at: [10, 0]}}]\n", encoding="utf-8")
+    spec = {
+        "world": str(tmp_path / "wall.yaml"),
+        "vehicles": {"ego": {"model": "bolt"}},
+        "control": {"ego": {"kind": "my_driver:Careful", "speed": 2.0, "distance": 3.0}},
+        "plant": {"contact": "point"},
+        "duration": 8.0,
+        "folder": str(tmp_path),
+    }
+    run = Simulation(assemble(spec)).run()
+    assert run["ego.vx"].max() > 1.5
+    assert run["ego.vx"].iloc[-1] == pytest.approx(0.0, abs=0.01)
+    # The nearest beam has 3 m when it brakes; at its 5 m/s² it stops within half a metre.
+    front = run["ego.x"].iloc[-1] + volume_of(load_vehicle("bolt")).outline[:, 0].max()
+    assert 2.3 < 9.75 - front < 3.0
 
 
 def test_every_key_of_a_prop_is_in_the_page_on_worlds():

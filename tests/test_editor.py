@@ -451,7 +451,12 @@ def test_a_new_world_is_written_by_the_first_save(tmp_path):
     document = Document(tmp_path / "new.yaml")
     assert not document.is_saved
     assert not (tmp_path / "new.yaml").exists()
+    # Nothing is lost if it is closed without a change, so that no warning is printed.
+    assert not document.is_kept
+    document.change(document.text + "# a comment\n")
+    assert document.is_kept
     document.save()
+    assert not document.is_kept
     assert read_scene((tmp_path / "new.yaml").read_text("utf-8"), tmp_path / "new.yaml").world.props == ()
     document.close()
     with pytest.raises(ConfigError, match="does not exist; create it first"):

@@ -15,6 +15,7 @@ from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mirdrake.cli import world_search, world_test
@@ -176,14 +177,16 @@ def test_the_report_shows_every_case_and_its_links_lead_somewhere(done: Path) ->
     for name in ("cruise-1", "cruise-2", "crowded-2", "own-3"):
         assert f'id="case-{name}"' in page
     links = re.findall(r'href="([^"#][^"]*)"', page)
-    assert "cases/cruise-2/recording.html" in links
+    assert {"cases/cruise-2/recording.html", "cases/cruise-2/report.html"} <= set(links)
     for link in links:
         assert link.startswith("data:") or (done / link).exists()
     assert not re.search(r'(src|href)="https?:|url\(', page)
     assert page.count('<svg class="plot map"') == 8
     # A driven line in each but those whose world is invalid, or whose process ended.
     assert page.count('stroke="var(--main)" stroke-width="2.2"') == 6
-    assert page.count('<svg class="margin"') == 8
+    assert page.count('aria-label="Margin over time') == 8
+    # The speed of each case that was judged.
+    assert page.count('aria-label="Speed over time [m/s]."') == 5
 
 
 def test_the_junit_file_counts_the_same(done: Path) -> None:
@@ -197,7 +200,13 @@ def test_the_junit_file_counts_the_same(done: Path) -> None:
 def test_only_cases_that_did_not_pass_are_kept_and_recorded(done: Path) -> None:
     assert sorted(path.name for path in (done / "cases").iterdir()) == ["cruise-2", "own-2", "own-3"]
     assert (done / "cases" / "cruise-2" / "recording.html").stat().st_size > 1e6
+    assert (done / "cases" / "cruise-2" / "report.html").stat().st_size > 1e4
     assert len(load_run(done / "cases" / "cruise-2").signals) == 51
+    times, speeds = (json.loads((done / "traces" / "cruise-2.json").read_text())[key] for key in ("times", "speeds"))
+    assert (times[0], times[-1]) == (0.0, 1.0)
+    signals = load_run(done / "cases" / "cruise-2").signals
+    driven = np.hypot(signals["ego.vx"], signals["ego.vy"])
+    assert speeds == pytest.approx(np.interp(times, signals.index, driven), rel=1e-3)
 
 
 def test_the_table_has_the_worst_first_with_signed_margins(printed: list[str]) -> None:

@@ -792,3 +792,90 @@ def test_a_car_turns_around_in_a_street_by_reversing() -> None:
     path = search_path(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
     assert path.outcome == "found"
     assert path.path[-1, 0] < -12.9
+
+
+# --- conditions ---------------------------------------------------------------------------------------------------
+
+WALKER = """
+    tracks: {main: {segments: [{line: 60}], width: 3}}
+    start: {gate: {on_track: {track: main, s: 2}}, ahead: {on_track: {track: main, s: 30}}}
+    actors:
+      - {actor: pedestrian, name: walker, path: [[20, -4], [20, 4]], speed: 1, starts: {when: CONDITION}}
+    scenario:
+      walker: [{when: walker past main@20, stop: {}}]
+"""
+TEST = """
+    tests:
+      - name: waits
+        behaviour: blind
+        others: {leader: {start: ahead, behaviour: blind}}
+        expect: [never collision]
+"""
+
+
+@pytest.mark.parametrize("name", ["ego", "walker", "leader"])
+def test_conditions_may_name_the_vehicles_of_the_tests_and_the_actors(name: str) -> None:
+    assert check(WALKER.replace("CONDITION", f"{name} within 8 m") + TEST) == []
+
+
+def test_a_condition_on_a_vehicle_that_a_test_does_not_have_is_a_fault() -> None:
+    (fault,) = check(WALKER.replace("CONDITION", "scout within 8 m") + TEST)
+    assert (fault.kind, fault.text.split(": ")[0]) == ("test", "w.yaml:5")
+    assert "there is no vehicle or actor 'scout' in the test 'waits'" in fault.text
+    assert all(name in fault.text for name in ("walker", "ego", "leader"))
+
+
+def test_without_tests_a_condition_may_name_a_vehicle_of_a_diagram() -> None:
+    text = WALKER.replace("CONDITION", "scout within 8 m")
+    result = examine(write(text))
+    assert result.faults == []
+    (line,) = result.remarks
+    assert line.startswith("w.yaml:5: ")
+    assert "no actor is called 'scout'" in line
+    assert examine(write(text.replace("scout", "ego"))).remarks == []
+
+
+def test_a_condition_on_an_unknown_track_is_a_fault() -> None:
+    (fault,) = check(WALKER.replace("CONDITION", "ego past mian@8"))
+    assert (fault.kind, fault.text.split(": ")[0]) == ("file", "w.yaml:5")
+    assert "did you mean 'main'?" in fault.text
+
+
+# --- drivers of tests ---------------------------------------------------------------------------------------------
+
+DRIVER = """
+open("executed", "w").close()
+from pydrake.systems.framework import LeafSystem
+
+
+class Careful(LeafSystem):
+    def __init__(self, size: int = 181):
+        super().__init__()
+        self.DeclareVectorInputPort("ranges", size)
+        self.DeclareVectorOutputPort("command", 3, lambda context, output: None)
+"""
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "message"),
+    [
+        ("'own_driver:Careful'", ""),
+        ("'own_driver:Careless'", "'Careless' is not a Drake system in own_driver; did you mean 'Careful'?"),
+        ("{kind: 'own_driver:Careful', sise: 3}", "own_driver:Careful has no parameter 'sise'; did you mean 'size'?"),
+        ("{kind: 'own_driver:Careful', size: 90}", "'ego.ranges' has 181 elements, 'ego.driver_ranges' takes 90"),
+    ],
+)
+def test_user_drivers_of_tests_are_checked_only_with_trust(behaviour: str, message: str) -> None:
+    Path("own_driver.py").write_text(DRIVER, encoding="utf-8")
+    test = TEST.replace("behaviour: blind\n", f"behaviour: {behaviour}\n")
+    text = WALKER.replace("CONDITION", "ego within 8 m") + test
+    result = examine(write(text))
+    assert (result.faults, Path("executed").exists()) == ([], False)
+    (line,) = result.remarks
+    assert line.startswith("not checked: w.yaml:11: tests.0.behaviour (own_driver:Care")
+    faults = examine(write(text), trust=True).faults
+    assert Path("executed").exists()
+    assert len(faults) == (1 if message else 0), faults
+    if message:
+        assert message in faults[0].text
+        assert faults[0].text.startswith("w.yaml:11: tests.0.behaviour: ")

@@ -58,7 +58,8 @@ class Section(NamedTuple):
 SECTIONS = (
     Section(
         "Drivers",
-        "Values of `control` in a diagram file and of `behaviour` in a test; see [diagrams](diagrams.md).",
+        "Values of `control` in a diagram file and of `behaviour` in a test; see [diagrams](diagrams.md). The ports of "
+        "a driver of your own, `module:Class`, are listed in [worlds](worlds.md#a-driver-of-your-own).",
         DRIVERS,
     ),
     Section("Blocks", "Entries of `systems` in a diagram file; see [diagrams](diagrams.md).", BLOCKS),

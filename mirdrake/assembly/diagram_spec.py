@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from datetime import date, datetime
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -244,7 +245,8 @@ def connections_of(spec: DiagramSpec) -> list[Connection]:
 def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     """Return a diagram without user systems and drivers, and a line for each that was left out.
 
-    A system that gets an input from one of them is left out, too.
+    A system that gets an input from one of them is left out, too, and so is a pattern of record.signals that may choose
+    one of their signals.
 
     Args:
         spec: is not changed.
@@ -257,7 +259,9 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
         """Return what is left out with a port, "" if the port remains."""
         owner, _, port = end.partition(".")
         of_driver = port in SPLIT or port.startswith("driver") or port.split(".")[0] == "command"
-        return owner if owner in systems else f"{owner}.driver" if owner in drivers and of_driver else ""
+        # The name of a block of a control unit has dots.
+        system = next((name for name in systems if end.startswith(f"{name}.")), "")
+        return system or (f"{owner}.driver" if owner in drivers and of_driver else "")
 
     found = bool(systems or drivers)
     while found:  # a system without one of its inputs is a fault
@@ -272,9 +276,27 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     # Connections to systems and drivers that are left out would be faults.
     rest.connect = [pair for pair in spec.connect if not any(map(missing, pair))]
     lost = len(spec.connect) - len(rest.connect)
+    # A pattern that chooses nothing is a fault, but the signals of what is left out are not known.
+    unknown = [f"{name}." for name in systems]
+    unknown += [f"{name}.{port}" for name in drivers for port in ("driver", "command", *SPLIT)]
+    patterns = spec.record.inner_signals
+    unchecked = [pattern for pattern in patterns if any(_may_begin(pattern, text) for text in unknown)]
+    if unchecked:
+        kept = [pattern for pattern in patterns if pattern not in unchecked]
+        rest.record = spec.record.model_copy(update={"signals": kept or True})
     left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
     left_out += [f"control.{name} ({kind})" for name, kind in drivers.items()]
-    return rest, left_out + ([f"{plural(lost, 'connection')} of these"] if lost else [])
+    left_out += [f"{plural(lost, 'connection')} of these"] if lost else []
+    return rest, left_out + [f"record.signals: {pattern}" for pattern in unchecked]
+
+
+def _may_begin(pattern: str, text: str) -> bool:
+    """Return whether a pattern of :func:`fnmatch.fnmatchcase` matches any name that begins with a text."""
+    head, star, _ = pattern.partition("*")
+    # Either a part of the pattern matches the whole text, or a star comes before its end and matches the rest.
+    if any(fnmatchcase(text, head[:length]) for length in range(len(head) + 1)):
+        return True
+    return bool(star) and any(fnmatchcase(text[:length], head) for length in range(len(text) + 1))
 
 
 def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:

@@ -99,8 +99,14 @@ class Wiring:
         # A default is skipped as soon as the user feeds any part of the port; the first default of an input wins.
         fed = {_port_of(sink, self.sinks) for sink in taken}
         for source, sink in self.defaults:
-            if sink not in fed:
-                taken.setdefault(sink, source)
+            if sink in fed:
+                continue
+            vehicle, _, port = sink.partition(".")
+            # The input of a driver may be that of a user's class, of any size.
+            if sink not in taken and port.startswith("driver_") and _port_of(source, self.sources) == source:
+                place = where(self.spec, "control", vehicle)
+                self._check(source, (source, None), sink, (sink, None), place)
+            taken.setdefault(sink, source)
 
         # Connections of elements are collected first, as a port has one multiplexer for all of them.
         elements: dict[str, dict[str, str]] = {}

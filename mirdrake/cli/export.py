@@ -11,7 +11,8 @@ from mirdrake.core.yaml_io import display_path
 MORE = """\
 mcap    run.mcap: signals, poses, pictures, scans and events, for Foxglove and other readers of MCAP
 csv     signals.csv: all signals, with units in the header:  time [s],ego.x [m],ego.lap
-        signals.ego.imu.csv: each sample of the sensor ego.imu, and one file for each other sensor
+        signals.ego.imu.csv: each sample of the sensor ego.imu, and one file for each other sensor whose
+        samples are numbers; scans and pictures stay in the run folder
 video   <camera>.mp4: the pictures of each camera, each frame at the time it was taken
 Files are written into the run folder unless --out is given. A run that was killed can be exported as well.
 

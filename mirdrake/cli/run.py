@@ -61,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
     """Simulate the diagram; 1 if the run diverged."""
     from mirdrake.assembly.diagram_spec import load_diagram
     from mirdrake.assembly.scene import make_scene
+    from mirdrake.assembly.speed_limits import limited_speeds
     from mirdrake.workflow import run_diagram
 
     # The options that switch pages on and off are short for keys of the file.
@@ -77,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     # The scene is laid out once, for the live view and for the run.
     scene, meshcat = make_scene(spec), None
     _warn_of_changed_files(spec, scene, options.diagram, overrides)
+    for line in limited_speeds(spec, scene.vehicles):
+        print(f"warning: {line}", file=sys.stderr)
     if options.view or (options.view is None and sys.stdout.isatty() and not options.quiet):
         from mirdrake.viewer import make_meshcat
 

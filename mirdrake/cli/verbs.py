@@ -40,6 +40,7 @@ class VerbParser(argparse.ArgumentParser):
         kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(*args, **kwargs)
         self._verb, self._verbs = verb, verbs or {}
+        self._meant = ""  # name of another verb, if the first argument of this default verb is similar to it
         self._is_complete = verb is None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -50,12 +51,21 @@ class VerbParser(argparse.ArgumentParser):
             self._add_arguments(self._verb)
         verb = self._verb
         if verb is not None and verb.default and args and args[0] not in {*verb.verbs, "-h", "--help"}:
+            self._default_parser()._meant = closest(args[0], verb.verbs) or ""
             args = [verb.default, *args]
         namespace, unknown = super().parse_known_args(args, namespace)
         # Here, so that the help of this verb is named and not that of the whole program.
         if unknown and verb is not None and not verb.verbs:
             self.error(f"unknown arguments: {' '.join(unknown)}{self._hint(unknown[0].partition('=')[0])}")
         return namespace, unknown
+
+    def _default_parser(self) -> "VerbParser":
+        """Return the parser of the default verb."""
+        assert self._verb is not None
+        (action,) = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        parser = action.choices[self._verb.default]
+        assert isinstance(parser, VerbParser)
+        return parser
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong in one line, without the usage, and exit with code 2."""
@@ -70,7 +80,7 @@ class VerbParser(argparse.ArgumentParser):
     def _hint(self, option: str) -> str:
         """Return what an unknown option may be: a misspelt one of this verb, or one of other verbs."""
         if not option.startswith("--"):
-            return ""
+            return f"; did you mean the command '{self._meant}'?" if self._meant else ""
         if others := [name for name, module in modules(self._verbs) if option in _options(module)]:
             program = self.prog.partition(" ")[0]
             return f"; it is an option of {', '.join(f'{program} {name}' for name in others)} only"

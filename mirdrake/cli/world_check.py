@@ -4,14 +4,15 @@ import argparse
 import sys
 from collections import Counter
 
-from mirdrake.cli.common import add_param, add_set, world_overrides
+from mirdrake.cli.common import add_param, add_set, add_trust, world_overrides
 from mirdrake.core.wording import plural
 
 MORE = """\
 Faults are: props that overlap (with depth and place), that are buried or float; starts and goals inside a prop; goals
 that a vehicle cannot reach; rules that do not hold; faults of tests. The vehicle is that of a test or of a rule
 `drivable`; --vehicle checks one more at all starts. Finally the plant is built and makes a few steps with that vehicle,
-or with a car, at the first start.
+or with a car, at the first start. Drivers of tests that are user classes (module:Class) are executed and checked only
+with --trust.
 Exit codes: 0 sound, 2 faults.
 
 examples:
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="names or paths of worlds")
     add_set(parser, "seed=3")
     add_param(parser)
+    add_trust(parser)
     parser.add_argument("--vehicle", metavar="NAME", help="a vehicle that must fit at all starts")
 
 
@@ -34,7 +36,9 @@ def run(options: argparse.Namespace) -> int:
     code = 0
     # Worlds are independent, so that a faulty one does not hide the others.
     for name in options.files:
-        result = examine(name, overrides=world_overrides(options), vehicle=options.vehicle, first_steps=True)
+        result = examine(
+            name, overrides=world_overrides(options), vehicle=options.vehicle, first_steps=True, trust=options.trust
+        )
         for fault in result.faults:
             print(f"error: {fault}", file=sys.stderr)
         if result.faults:
@@ -43,6 +47,8 @@ def run(options: argparse.Namespace) -> int:
         assert result.world is not None
         count = len(result.world.props)
         print(f"{name}: sound" + (f", {plural(count, 'prop')}" if count else ""))
+        for line in result.remarks:
+            print(f"  {line}")
         for track in result.world.tracks.values():
             for note in track.notes:
                 print(f"  {note}")

@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         editor.serve()
     except KeyboardInterrupt:
         # The unsaved text is kept beside the file, so that Ctrl-C loses nothing.
-        if not editor.document.is_saved:
+        if editor.document.is_kept:
             print(f"warning: {editor.document.name}: not saved; the next `world edit` restores the text", flush=True)
     finally:
         editor.server.stop_listening()

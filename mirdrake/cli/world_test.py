@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 MORE = """\
 Each variation runs in a worker process. A variation that raises an exception, hangs or crashes counts as an error; the
 others continue. The folder holds report.html, junit.xml, results.jsonl, and below cases/ the run of every case that did
-not pass, the worst of them with a recording that opens offline. The margin of a requirement is its distance from the
-limit: positive where it is met. Ctrl-C stops early and keeps the results so far.
+not pass, the worst of them with a report and a recording that open offline. The margin of a requirement is its distance
+from the limit: positive where it is met. The requirement that decides is the one with the smallest margin over its
+reference value, which is its limit, 1 m for collision and on road, 0.05 m/s for stopped. Ctrl-C stops early and keeps
+the results so far.
 Exit codes: 0 all passed, 1 a test failed, 2 invalid worlds or errors, 130 interrupted.
 
 examples:
@@ -70,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     """Run all cases, write their results and print them."""
     from mirdrake.report.junit import write_junit
     from mirdrake.report.suite import write_suite_report
-    from mirdrake.report.suite_recordings import write_recordings
+    from mirdrake.report.suite_runs import write_run_pages
     from mirdrake.runs.simulation import default_folder
     from mirdrake.suites import collect_cases, run_suite
 
@@ -103,17 +105,15 @@ def run(options: argparse.Namespace) -> int:
                 keep_all=bool(options.case),
             )
 
-        # An interrupted suite is to be continued, so that its recordings are not made yet.
+        # An interrupted suite is to be continued, so that pages of its runs are not made yet.
         faults: list[tuple[str, str]] = []
         if suite.complete:
-            with suppress(KeyboardInterrupt):  # the verdicts are valid without the recordings
-                faults = write_recordings(suite)
-                if options.case:
-                    _write_run_reports(suite)
+            with suppress(KeyboardInterrupt):  # the verdicts are valid without the pages of runs
+                faults = write_run_pages(suite)
     write_suite_report(suite)
     write_junit(suite, folder / "junit.xml")
     for name, reason in faults:
-        print(f"{name}: not recorded: {reason}", file=sys.stderr)
+        print(f"{name}: not written: {reason}", file=sys.stderr)
     if not options.quiet:
         print("\n".join(_result_lines(suite, time.monotonic() - began)))
     if not suite.complete:
@@ -165,20 +165,9 @@ def _format_requirement(result: "Result") -> str:
     return f"{worst.text}{when}" + (f", and {more} more failed" if more > 0 else "")
 
 
-def _write_run_reports(suite: "Suite") -> None:
-    """Write report.html into the run folder of each case."""
-    from mirdrake.report import write_report
-    from mirdrake.runs.logs import SUMMARY, load_run, reads_run
-
-    for result in suite.results:
-        location = suite.folder / result.folder if suite.folder is not None and result.folder is not None else None
-        if location is not None and (location / SUMMARY).is_file():
-            reads_run(write_report)(load_run(location))
-
-
 def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
     """Yield the results line by line: failures first, then the files and the command that repeats the worst case."""
-    from mirdrake.report.suite_recordings import RECORDING
+    from mirdrake.report.suite_runs import RECORDING, REPORT
 
     assert suite.folder is not None
     ranked = suite.ranked()
@@ -193,20 +182,33 @@ def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
         yield f"and {len(rows) - row_limit} more that passed"
     counts = ", ".join(f"{number} {verdict}" for verdict, number in suite.counts.items() if number)
     yield f"{plural(len(rows), 'case')}: {counts or 'none done'} ({wall:.1f} s)"
+    if any(len(result.findings) > 1 for result in suite.results):
+        yield "  decides: the smallest margin relative to the limit (to 1 m: collision, on road; to 0.05 m/s: stopped)"
     yield f"  {display_path(suite.folder)}/"
     yield "    report.html      report"
     yield "    junit.xml        for continuous integration"
+    reported = [
+        f"{result.folder}/{REPORT}"
+        for _, result in ranked
+        if result.folder is not None and (suite.folder / result.folder / REPORT).is_file()
+    ]
+    if reported:
+        yield f"    {reported[0]}      report of a case{_more(reported)}"
     recorded = [
         f"{result.folder}/{RECORDING}"
         for _, result in ranked
         if result.folder is not None and (suite.folder / result.folder / RECORDING).is_file()
     ]
     if recorded:
-        more = f" (and {len(recorded) - 1} more)" if len(recorded) > 1 else ""
-        yield f"    {recorded[0]}      recording, opens offline{more}"
+        yield f"    {recorded[0]}      recording, opens offline{_more(recorded)}"
     worst = next((case for case, result in ranked if result.verdict != "pass"), None)
     if worst is not None and len(suite.cases) > 1:
         yield f"  repeat the worst case: {worst.command}"
+
+
+def _more(pages: Sequence[str]) -> str:
+    """Return how many pages there are besides the first one."""
+    return f" (and {len(pages) - 1} more)" if len(pages) > 1 else ""
 
 
 def _parameter(text: str) -> tuple[str, float | int | str]:

@@ -58,6 +58,11 @@ class Document:
         return not self.is_new and self.text == self._saved
 
     @property
+    def is_kept(self) -> bool:
+        """Whether a text that is not saved is kept for the next editor."""
+        return not self.is_saved and bool(self._undo)
+
+    @property
     def can_undo(self) -> bool:
         """Whether there is an earlier text."""
         return bool(self._undo)
@@ -147,7 +152,7 @@ class Document:
         if self._lock is None:
             return
         with suppress(OSError, RunError):
-            if self.is_saved or not self._undo:
+            if not self.is_kept:
                 self._kept_path.unlink(missing_ok=True)
             else:
                 base = None if self.is_new else self._saved

@@ -16,7 +16,8 @@ from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shortest_name
 from mirdrake.report.page import Tile, render_page
-from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve
+from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve, draw_speed
+from mirdrake.report.suite_runs import RECORDING, REPORT
 from mirdrake.report.words import format_duration, format_quantity
 from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite
@@ -68,6 +69,8 @@ class Detail:
     command: str
     folder: str
     recording: str
+    report: str
+    speed: Markup
 
 
 @dataclass(frozen=True)
@@ -196,14 +199,20 @@ def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[st
         worst = None
     folder = suite.folder / result.folder if suite.folder is not None and result.folder else None
     world = _world(case, folder)
-    recording = folder is not None and (folder / "recording.html").is_file()
+    # Links of the pages that were written.
+    recording, report = (
+        f"{result.folder}/{page}" if folder is not None and (folder / page).is_file() else ""
+        for page in (RECORDING, REPORT)
+    )
     return Detail(
         row=row,
         picture=None if world is None else draw_case(world, trace, worst, failed=result.verdict == "fail"),
         lines=lines,
         command=case.command,
         folder=result.folder or "",
-        recording=f"{result.folder}/recording.html" if recording else "",
+        recording=recording,
+        report=report,
+        speed=Markup("") if trace is None else draw_speed(trace),
     )
 
 

@@ -65,7 +65,15 @@ def _bounds(world: World, trace: Trace | None) -> Box:
     return float(low[0]) - grow, float(low[1]), float(high[0]) + grow, float(high[1])
 
 
-def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: bool) -> Markup:
+def draw_speed(trace: Trace) -> Markup:
+    """Return the chart of the speed over time; empty if the trace has none."""
+    curve = MarginCurve(trace.times, trace.speeds, worst_time=0.0, outline=[])
+    return draw_curve(curve, unit="m/s", margin=None, passed=True, quantity="Speed")
+
+
+def draw_curve(
+    curve: MarginCurve, *, unit: str, margin: float | None, passed: bool, quantity: str = "Margin"
+) -> Markup:
     """Return the chart of a margin over time, with a dot at the decisive moment; a failure is red below zero.
 
     Args:
@@ -73,6 +81,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
         unit: unit of the margin.
         margin: margin of the requirement; None if it is not finite.
         passed: whether the requirement holds.
+        quantity: what the chart shows, if it is not a margin.
     """
     width, height = _CURVE
     known = [float(value) for value in curve.margins if value is not None]
@@ -118,7 +127,8 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
     if margin is not None:
         x, y = x_of(min(max(curve.worst_time, first), last)), y_of(min(max(margin, low), high))
         parts.append(f'<circle class="dot{"" if passed else " bad"}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>')
-    text = f"Margin over time [{unit or '-'}]; the decisive moment is {curve.worst_time:g} s."
+    moment = f"; the decisive moment is {curve.worst_time:g} s" if quantity == "Margin" else ""
+    text = f"{quantity} over time [{unit or '-'}]{moment}."
     return _svg("margin", width, height, text, parts)
 
 

@@ -21,6 +21,7 @@ from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
 from mirdrake.requirements.surroundings import GAP
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
+from mirdrake.worlds.actors_spec import conditions
 from mirdrake.worlds.case_spec import CaseSpec, OtherSpec, SearchSpec
 
 Verdict = Literal["pass", "fail", "error", "invalid"]
@@ -437,6 +438,11 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
             find_vehicle(other.vehicle, where=where(other, "vehicle"))
         except MirdrakeError as error:
             yield str(error)
+    names = [*(actor.name for actor in world.moving), VEHICLE, *test.others]
+    for location, condition in conditions(spec.actors, spec.scenario):
+        if condition.of is not None and condition.of not in names:
+            hint = did_you_mean(condition.of, names)
+            yield f"{location}: there is no vehicle or actor '{condition.of}' in the test '{test.name}'; {hint}"
     for owner, text, index in expected:
         try:
             requirement = parse_requirement(text, where=where(owner, "expect", index))

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from mirdrake.core.curves import thin
@@ -50,12 +51,16 @@ class Trace:
         line: path of the vehicle's origin.
         start: outline of the vehicle at the start; `end` likewise.
         curves: one per requirement, in their order; none if the case could not be judged.
+        times: stamps of the speeds [s].
+        speeds: speed of the vehicle [m/s]; None where it is not finite.
     """
 
     line: Points
     start: Points
     end: Points
     curves: list[MarginCurve]
+    times: list[float] = field(default_factory=list)
+    speeds: list[float | None] = field(default_factory=list)
 
 
 def make_trace(seen: Observation, findings: Sequence[Finding] = ()) -> Trace:
@@ -72,11 +77,14 @@ def make_trace(seen: Observation, findings: Sequence[Finding] = ()) -> Trace:
     if finite.sum() > 1:
         # Simplified and rounded: the traces of all cases are in one page.
         line = shapely.get_coordinates(shapely.simplify(shapely.linestrings(x[finite], y[finite]), _TOLERANCE))
+    times, speeds = thin(seen.times, seen.signals["speed"], _POINTS // 2)
     return Trace(
         line=np.round(line, 2).tolist(),
         start=_outline(seen, 0),
         end=_outline(seen, int(np.flatnonzero(finite)[-1])) if finite.any() else [],
         curves=[_curve(seen, finding) for finding in findings],
+        times=np.round(times, 3).tolist(),
+        speeds=_values(speeds),
     )
 
 
@@ -104,12 +112,17 @@ def _outline(seen: Observation, row: int) -> Points:
     return np.round(corners, 2).tolist() if np.isfinite(corners).all() else []
 
 
+def _values(values: npt.NDArray[np.float64]) -> list[float | None]:
+    """Return the values of a curve for JSON, with four digits."""
+    return [float(f"{value:.4g}") if np.isfinite(value) else None for value in values]
+
+
 def _curve(seen: Observation, finding: Finding) -> MarginCurve:
     times, margins = thin(finding.times, finding.margins, _POINTS // 2)
     row = int(np.abs(seen.times - finding.worst_time).argmin())
     return MarginCurve(
         times=np.round(times, 3).tolist(),
-        margins=[float(f"{value:.4g}") if np.isfinite(value) else None for value in margins],
+        margins=_values(margins),
         worst_time=round(finding.worst_time, 3),
         outline=_outline(seen, row),
         others={

@@ -24,6 +24,7 @@ from mirdrake.world_checks.search import SEARCH_TIME
 from mirdrake.world_checks.starts import find_bad_start, find_inside_props
 from mirdrake.world_checks.support import find_gaps, find_unsupported
 from mirdrake.worlds import World, load_world
+from mirdrake.worlds.actors_spec import conditions
 from mirdrake.worlds.clearance import Volume
 
 _CAR = "bolt"  # the default car of the first steps
@@ -37,11 +38,13 @@ class Examination:
         world: the world; None if it cannot be laid out.
         faults: all faults.
         paths: a path for each rule `drivable` and each test with a goal that is reachable.
+        remarks: what could not be checked, a line each.
     """
 
     world: World | None
     faults: list[Fault] = field(default_factory=list)
     paths: list[VehiclePath] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
 def check_world(
@@ -73,8 +76,18 @@ def examine(
     vehicle: str | None = None,
     time_limit: float = SEARCH_TIME,
     first_steps: bool = False,
+    trust: bool = False,
 ) -> Examination:
-    """Return a world, its faults, and the paths of vehicles; for the arguments see :func:`check_world`."""
+    """Return a world, its faults, and the paths of vehicles.
+
+    Args:
+        name_or_world: see :func:`check_world`; likewise the other arguments.
+        overrides: overrides of the file.
+        vehicle: name of a vehicle.
+        time_limit: computing time of the search for one path [s].
+        first_steps: whether to simulate a few steps.
+        trust: whether user classes that are drivers of tests are executed and checked; otherwise a remark names them.
+    """
     overrides = tuple(overrides)
     if isinstance(name_or_world, World):
         world = name_or_world
@@ -98,12 +111,16 @@ def examine(
     trips = _Trips(world, near, time_limit)
     trips.check(vehicle)
     faults += trips.faults
+    faults += _condition_faults(world)
+    remarks = _condition_remarks(world)
     if world.path is not None and world.spec.tests:
-        faults += _test_faults(world, overrides, {fault.text for fault in faults})
+        faults += _test_faults(world, overrides, {fault.text for fault in faults}, trust=trust)
+        if not trust:
+            remarks += _unchecked_drivers(world)
     # The steps need a world that can be loaded and a free start.
     if first_steps and not any(fault.kind in {"file", "start"} for fault in faults):
         faults += find_first_step_fault(world, overrides, vehicle or _CAR)
-    return Examination(world, faults, trips.paths)
+    return Examination(world, faults, trips.paths, remarks)
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
@@ -217,16 +234,76 @@ class _Trips:
         return self._subjects[trip.vehicle]
 
 
-def _test_faults(world: World, overrides: Iterable[str], known: set[str]) -> list[Fault]:
-    """Return the faults of the tests of a world that are not known already."""
+def _condition_faults(world: World) -> list[Fault]:
+    """Return the faults of conditions that name a track that does not exist."""
+    faults = []
+    for location, condition in conditions(world.spec.actors, world.spec.scenario):
+        try:
+            if condition.track is not None:
+                world.track(condition.track, where=location)
+        except MirdrakeError as error:
+            faults += _faults_of("file", error)
+    return faults
+
+
+def _condition_remarks(world: World) -> list[str]:
+    """Return a line for each name of a condition that only a diagram can explain: no test has such a vehicle."""
+    if world.spec.tests:  # their vehicles are known: another name is a fault of the test
+        return []
+    known = {"ego", *(actor.name for actor in world.moving)}
+    return [
+        f"{location}: no actor is called '{condition.of}'; each diagram of this world needs a vehicle of this name"
+        for location, condition in conditions(world.spec.actors, world.spec.scenario)
+        if condition.of is not None and condition.of not in known
+    ]
+
+
+def _unchecked_drivers(world: World) -> list[str]:
+    """Return a line for each driver of a test that is a user class, which is not executed here."""
+    lines = []
+    for test in world.spec.tests:
+        drivers = [(where(test, "behaviour"), test.behaviour)]
+        drivers += [(where(other, "behaviour"), other.behaviour) for other in test.others.values()]
+        for location, given in drivers:
+            kind = given if isinstance(given, str) else str(given.get("kind", ""))
+            if ":" in kind:
+                lines.append(
+                    f"not checked: {location} ({kind}): mirdrake world check executes user modules only with --trust"
+                )
+    return lines
+
+
+def _test_faults(world: World, overrides: Iterable[str], known: set[str], *, trust: bool) -> list[Fault]:
+    """Return the faults of the tests of a world that are not known already.
+
+    Args:
+        world: the world, from a file.
+        overrides: overrides of the file.
+        known: texts of faults that were found.
+        trust: whether user classes that are drivers are executed: they are checked by the diagram of the test.
+    """
+    from mirdrake.assembly.diagram import assemble
     from mirdrake.suites.cases import collect_cases
 
     assert world.path is not None
+    faults = []
     try:
-        collect_cases([world.path], values=_values(overrides))
+        cases = collect_cases([world.path], values=_values(overrides))
     except ConfigError as error:
-        return [fault for fault in _faults_of("test", error) if fault.text not in known]
-    return []
+        faults = _faults_of("test", error)
+    else:
+        tests = {test.name: test for test in world.spec.tests}
+        # Variations have the same drivers: the first case of each test is enough.
+        firsts = {case.test: case for case in reversed(cases)} if trust else {}
+        for case in firsts.values():
+            if not any(":" in driver["kind"] for driver in case.diagram["control"].values()):
+                continue
+            try:
+                assemble(case.diagram)
+            except MirdrakeError as error:
+                location = where(tests[case.test], "behaviour")
+                faults += [Fault("test", f"{location}: {fault.text}") for fault in _faults_of("test", error)]
+    return [fault for fault in faults if fault.text not in known]
 
 
 def _values(overrides: Iterable[str]) -> Mapping[str, float | str | bool | None]:

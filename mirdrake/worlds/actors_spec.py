@@ -18,12 +18,13 @@ are made in their order; a step waits for those before it.
 """
 
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from mirdrake.core.kinds import SelectedByKind
-from mirdrake.core.yaml_io import Acceleration, Duration, Length, Schema, Speed, to_si
+from mirdrake.core.yaml_io import Acceleration, Duration, Length, Schema, Speed, to_si, where
 from mirdrake.worlds.schema_types import Label, Value, exactly_one
 
 BEHAVIOURS: dict[str, str] = {
@@ -305,3 +306,12 @@ class ActorEntry(ActorSpec):
 
 ActorList = Annotated[list[ActorSpec], BeforeValidator(lambda data: data, json_schema_input_type=list[ActorEntry])]
 """Actors; JSON Schema sees the entries of a world file."""
+
+
+def conditions(actors: Sequence[ActorSpec], scenario: Mapping[str, Sequence[Step]]) -> Iterator[tuple[str, Condition]]:
+    """Yield the place and the condition of every trigger of a world file that has one."""
+    triggers: list[Trigger] = [actor.starts for actor in actors if actor.starts is not None]
+    triggers += [step for steps in scenario.values() for step in steps]
+    for trigger in triggers:
+        if trigger.when is not None:
+            yield where(trigger, "when"), trigger.when
