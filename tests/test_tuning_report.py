@@ -84,12 +84,15 @@ def test_every_candidate_is_in_the_table_with_all_its_figures(sample: TuningResu
     assert [len(rows) for rows in (first, *others)] == [len(sample.candidates) + 1] * 4
     # The tables side by side: each has the candidates in its first column.
     table = [sum((row[1:] for row in rows), first) for first, *rows in zip(first, *others, strict=True)]
-    assert [len(row) for row in table] == [3 + 3 + 1 + len(FIGURES)] * len(table)
+    # Figures that no candidate has are left out.
+    shown = [name for name in FIGURES if any(name in candidate.figures for candidate in sample.candidates)]
+    assert set(FIGURES) - set(shown) == {"over_present"}
+    assert [len(row) for row in table] == [3 + 3 + 1 + len(shown)] * len(table)
     for row, candidate in zip(table[1:], sample.candidates, strict=True):
         assert row[0].startswith(candidate.name)
         if candidate.status == "ok":
             expected = [candidate.gains[name] for name in ("kp", "ki", "kd")] + [candidate.cost]
-            expected += [candidate.figures.get(name) for name in FIGURES]
+            expected += [candidate.figures.get(name) for name in shown]
             assert row[3:] == ["–" if value is None else format_quantity(value) for value in expected]
         else:
             assert row[2] == "unstable"

@@ -141,6 +141,7 @@ class _Stages:
 
     constraints: dict[str, float] = {}  # noqa: RUF012
     hardest: tuple[Conditions, ...] = ()
+    manoeuvres = ()
 
     def __init__(self, bound: float, *, finer: float = math.inf, steep: float = math.inf) -> None:
         self.bound, self.finer, self.steep = bound, finer, steep

@@ -10,6 +10,7 @@ from mirdrake.tuning.acceptance import Criterion, StepEffect
 from mirdrake.tuning.apply import Comparison
 from mirdrake.tuning.designs import DESIGN_RULES
 from mirdrake.tuning.identify import Experiment
+from mirdrake.tuning.loops.manoeuvres import OVER_PRESENT
 from mirdrake.tuning.result import CandidateResult, TuningResult
 from mirdrake.tuning.robustness import CandidateRobustness
 from mirdrake.tuning.scenarios import describe
@@ -24,6 +25,7 @@ FIGURES: dict[str, tuple[str, str]] = {
     "rise_time": ("Rise time", "s"),
     "settling_time": ("Settling time", "s"),
     "steady_error": ("Steady error", "{y}"),
+    "over_present": ("IAE over present", ""),
     "peak_effort": ("Peak effort", "{u}"),
     "rms_effort": ("RMS effort", "{u}"),
     "total_variation": ("Total variation", "{u}"),
@@ -40,10 +42,12 @@ FIGURES: dict[str, tuple[str, str]] = {
 """Label and unit of each figure; y and u are the units of output and effort."""
 
 GROUPS = {
-    "Response": ("iae", "itae", "ise", "overshoot_percent", "rise_time", "settling_time", "steady_error"),
+    "Response": (
+        "iae", "itae", "ise", "overshoot_percent", "rise_time", "settling_time", "steady_error", "over_present",
+    ),
     "Effort and jerk": ("peak_effort", "rms_effort", "total_variation", "saturation_time", "rms_jerk", "peak_jerk"),
     "Stability margins": ("ms", "mt", "gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin"),
-}
+}  # fmt: skip
 """Figures of each table of candidates."""
 
 UNLIMITED = {"gain_margin", "delay_margin_s", "phase_margin_deg"}
@@ -438,6 +442,10 @@ def comparison_lines(compared: Comparison, result: TuningResult, chosen: Candida
             )
         ]
         lines.append(f"  {texts.figure(name)[0]:<18} {pair[0]:>20} -> {pair[1]}")
+    # Other manoeuvres than the test, such as a launch.
+    if OVER_PRESENT in chosen.figures:
+        label = texts.figure(OVER_PRESENT)[0]
+        lines.append(f"  {label:<18} {'1':>20} -> {texts.value(OVER_PRESENT, chosen.figures[OVER_PRESENT])}")
     return lines
 
 

@@ -5,6 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
+from mirdrake.tuning.loops.manoeuvres import (
+    MOST_OVER_PRESENT,
+    OVER_PRESENT,
+    Manoeuvre,
+    largest_ratio,
+    manoeuvre_costs,
+)
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.loops.slip import UNSTABLE, reaction_on_own_slopes, run_with_reaction
 from mirdrake.tuning.spec import TuningSpec
@@ -86,6 +93,34 @@ class InSlip:
                 reaction = max(reaction, found, UNSTABLE)
         result = self.evaluate(gains, conditions, fidelity if reaction <= MOST_SLIP else "reduced")
         return replace(result, figures={**result.figures, SLIP: reaction}) if result.status == "ok" else result
+
+
+@dataclass(frozen=True)
+class InManoeuvres:
+    """Tests gains, and adds the largest ratio of the IAE to that of the present ones in a manoeuvre; can be pickled.
+
+    The plant does not test gains that break the limit of the ratio.
+
+    Attributes:
+        evaluate: tests gains.
+        manoeuvres: see :mod:`mirdrake.tuning.loops.manoeuvres`.
+        present: costs of the present gains in their parts.
+    """
+
+    evaluate: Evaluator
+    manoeuvres: tuple[Manoeuvre, ...]
+    present: tuple[float, ...]
+
+    def __call__(
+        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        """Test gains; every failure is an evaluation."""
+        # Other conditions are tests of the same gains.
+        if conditions != NOMINAL:
+            return self.evaluate(gains, conditions, fidelity)
+        ratio = largest_ratio(manoeuvre_costs(self.manoeuvres, gains), self.present)
+        result = self.evaluate(gains, conditions, fidelity if ratio <= MOST_OVER_PRESENT else "reduced")
+        return replace(result, figures={**result.figures, OVER_PRESENT: ratio}) if result.status == "ok" else result
 
 
 def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:

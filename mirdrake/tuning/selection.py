@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Design, rounded
 from mirdrake.tuning.loops.base import Conditions, Evaluation
+from mirdrake.tuning.loops.manoeuvres import MOST_OVER_PRESENT
 from mirdrake.tuning.spec import printed
 from mirdrake.tuning.stages import Candidate, Stages
 from mirdrake.tuning.trials import Rejection, Trial, Trials
@@ -263,6 +264,9 @@ def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Des
         rejected.append(rule)
     # Slower designs, the fastest first: the first robust one has the best performance among them.
     for design in slower:
+        # Known before the test on the plant.
+        if stages.manoeuvres and stages.over_present(design) > MOST_OVER_PRESENT:
+            continue
         (rule,) = stages.test([design], "slower rules")
         if rule.trial.feasible:
             check, known = verify(stages, known, rule)

@@ -21,11 +21,19 @@ from mirdrake.tuning.gain_map import map_of_two_gains
 from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
+from mirdrake.tuning.loops.manoeuvres import (
+    MOST_OVER_PRESENT,
+    OVER_PRESENT,
+    Manoeuvre,
+    largest_ratio,
+    make_manoeuvres,
+    manoeuvre_costs,
+)
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.loops.slip import direct, fault_on_own_slopes, run_slip
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
-from mirdrake.tuning.scenarios import MOST_SLIP, SLIP, InScenarios, InSlip, Ranges, drawn_ranges, hardest
+from mirdrake.tuning.scenarios import MOST_SLIP, SLIP, InManoeuvres, InScenarios, InSlip, Ranges, drawn_ranges, hardest
 from mirdrake.tuning.screening import COST, SAMPLE, WORST, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
@@ -155,6 +163,8 @@ class Stages:
         increase = LOOP_KINDS[self.loop.kind].delays(self.spec)[1] - self.loop.delay
         asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
         limits = asked | dict(self.spec.constraints)
+        if self.manoeuvres:
+            limits[OVER_PRESENT] = MOST_OVER_PRESENT
         # Default limits get the unavoidable overshoot of the feed-forward; limits of the user stay.
         model, step = self.loop.model, self.loop.course.step
         if model is not None and model.feedforward and "constraints" not in self.spec.model_fields_set:
@@ -201,6 +211,8 @@ class Stages:
 
     def candidate(self, design: Design, evaluation: Evaluation, number: int = 0) -> Candidate:
         """Return the candidate of an evaluated design."""
+        if self.manoeuvres and evaluation.status == "ok":
+            evaluation = replace(evaluation, figures={**evaluation.figures, OVER_PRESENT: self.over_present(design)})
         trial = make_trial(number, design.gains, evaluation, self.spec.cost, self.constraints)
         return Candidate(design, trial, evaluation.response)
 
@@ -241,6 +253,8 @@ class Stages:
         cost = spec.cost
         if self._sample and method != "nsga2":  # which has an objective per figure of the cost
             evaluate, cost = InRuns(evaluate, tuple(self._sample), spec.cost), {COST: 1.0}
+        if self.manoeuvres:
+            evaluate = InManoeuvres(evaluate, self.manoeuvres, self.present_costs)
         if scenarios and not reduced:
             # Constraints first, then scenarios: an infeasible trial needs no further tests.
             evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
@@ -279,6 +293,30 @@ class Stages:
         if not LOOP_KINDS[self.loop.kind].has_own_plant:
             return None
         return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
+
+    @cached_property
+    def manoeuvres(self) -> tuple[Manoeuvre, ...]:
+        """Manoeuvres in which gains are compared with the present ones on the reduced model, whatever the baseline.
+
+        None without a model, without slopes of the set-point, or if the present controller is not a PID controller.
+        """
+        loop, own = self.loop, self.own_slopes
+        if own is None or loop.model is None or not loop.has_pid_gains or not any(loop.present.values()):
+            return ()
+        shortest = direct(loop).delay or 0.0
+        longest = LOOP_KINDS[loop.kind].delays(self.spec)[1]
+        return make_manoeuvres(loop, own, sorted({shortest, loop.delay, max(longest, loop.delay)}))
+
+    @cached_property
+    def present_costs(self) -> tuple[float, ...]:
+        """Costs of the present gains in the manoeuvres."""
+        return manoeuvre_costs(self.manoeuvres, self.loop.present)
+
+    def over_present(self, design: Design) -> float:
+        """Return the largest ratio of the IAE of a design to that of the present gains in a manoeuvre [1]."""
+        # Without gains of its own, a design is the present control.
+        costs = manoeuvre_costs(self.manoeuvres, design.gains) if design.gains else self.present_costs
+        return largest_ratio(costs, self.present_costs)
 
     @cached_property
     def own_slopes(self) -> LoopSpec | None:
@@ -546,8 +584,11 @@ class Stages:
         if len(space) < 2 or self.first_fidelity != "reduced":
             return None
         ranges = map_space(space, winner.design.gains, winner.trial.figures.get("gain_margin", math.nan))
+        evaluate: Evaluator = LoopEvaluator(self.loop)
+        if self.manoeuvres:
+            evaluate = InManoeuvres(evaluate, self.manoeuvres, self.present_costs)
         return map_of_two_gains(
-            LoopEvaluator(self.loop),
+            evaluate,
             {name: entry.parameter() for name, entry in ranges.items()},
             cost=self.spec.cost,
             constraints=self.constraints,

@@ -208,6 +208,16 @@ def run_reduced(
     # A pole test first: a slowly growing oscillation may not be visible within the test.
     if any(gains.values()) and not all(is_stable(plant, pid) for plant in test.delayed):
         return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
+    output, effort, stable = simulate_reduced(spec, pid, test, conditions)
+    if not stable:
+        return Evaluation("unstable", reason="the output grows without bound")
+    return judge_test(spec, test, gains, conditions, output, effort, keep=keep)
+
+
+def simulate_reduced(
+    spec: LoopSpec, pid: PidGains, test: ReducedTest, conditions: Conditions
+) -> tuple[Floats, Floats, bool]:
+    """Simulate a test on the reduced model; return output [y], effort [u], and whether all numbers stay in bounds."""
     output, effort = np.zeros(len(test.t)), np.zeros(len(test.t))
     parts = test.parts
     stable = compiled(simulate_test, parts=KERNEL_PARTS)(
@@ -215,9 +225,7 @@ def run_reduced(
         parts.step, parts.old, parts.new, parts.held, parts.row, test.output_row,
         test.wanted, test.feedforward, test.loads, test.resistances, test.noise, output, effort,
     )  # fmt: skip
-    if not stable:
-        return Evaluation("unstable", reason="the output grows without bound")
-    return judge_test(spec, test, gains, conditions, output, effort, keep=keep)
+    return output, effort, bool(stable)
 
 
 def judge_test(
