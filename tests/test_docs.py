@@ -217,6 +217,16 @@ def test_a_block_with_a_scan_as_its_input_stops_the_car(tmp_path, monkeypatch):
     assert np.ptp(found["points"][hit, 1]) == pytest.approx(4.0, abs=0.3)
 
 
+def test_the_world_in_the_readme_is_a_part_of_the_shipped_one():
+    blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
+    (shown,) = (yaml.safe_load(block) for block in blocks if block.startswith("props:"))
+    world = yaml.safe_load((ROOT / "worlds" / "parking_lot.yaml").read_text("utf-8"))
+    for key, name in (("props", "prop"), ("tests", "name")):
+        for entry in shown[key]:
+            (full,) = (other for other in world[key] if other[name] == entry[name])
+            assert {given: full.get(given) for given in entry} == entry
+
+
 def test_the_driver_class_of_the_page_on_worlds_stops_before_a_wall(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "worlds.md").read_text("utf-8")
