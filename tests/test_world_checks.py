@@ -804,7 +804,7 @@ WALKER = """
     scenario:
       walker: [{when: walker past main@20, stop: {}}]
 """
-TEST = """
+WAITS = """
     tests:
       - name: waits
         behaviour: blind
@@ -815,11 +815,11 @@ TEST = """
 
 @pytest.mark.parametrize("name", ["ego", "walker", "leader"])
 def test_conditions_may_name_the_vehicles_of_the_tests_and_the_actors(name: str) -> None:
-    assert check(WALKER.replace("CONDITION", f"{name} within 8 m") + TEST) == []
+    assert check(WALKER.replace("CONDITION", f"{name} within 8 m") + WAITS) == []
 
 
 def test_a_condition_on_a_vehicle_that_a_test_does_not_have_is_a_fault() -> None:
-    (fault,) = check(WALKER.replace("CONDITION", "scout within 8 m") + TEST)
+    (fault,) = check(WALKER.replace("CONDITION", "scout within 8 m") + WAITS)
     assert (fault.kind, fault.text.split(": ")[0]) == ("test", "w.yaml:5")
     assert "there is no vehicle or actor 'scout' in the test 'waits'" in fault.text
     assert all(name in fault.text for name in ("walker", "ego", "leader"))
@@ -867,7 +867,7 @@ class Careful(LeafSystem):
 )
 def test_user_drivers_of_tests_are_checked_only_with_trust(behaviour: str, message: str) -> None:
     Path("own_driver.py").write_text(DRIVER, encoding="utf-8")
-    test = TEST.replace("behaviour: blind\n", f"behaviour: {behaviour}\n")
+    test = WAITS.replace("behaviour: blind\n", f"behaviour: {behaviour}\n")
     text = WALKER.replace("CONDITION", "ego within 8 m") + test
     result = examine(write(text))
     assert (result.faults, Path("executed").exists()) == ([], False)
