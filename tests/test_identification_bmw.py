@@ -57,7 +57,7 @@ def test_the_stiffnesses_are_reported_as_not_identifiable(do):
         assert (parameter.kind, parameter.verdict) == ("free", "not identifiable")
         assert parameter.low is None or parameter.high is None or parameter.high / parameter.low > 3.0
         assert "step steer" in parameter.explanation
-    assert fit.condition_number > 500.0  # 914; by the same noise factor for both outputs it was above 1000
+    assert fit.condition_number > 1000.0
     assert "not identifiable" in page
     assert any("step steer" in text for text in fit.advice)
 

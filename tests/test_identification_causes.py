@@ -165,18 +165,12 @@ def test_the_memory_that_all_residuals_share_enlarges_all_noise_alike(shared):
         white[k] = lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], white[k])
     problem: Any = SimpleNamespace(
         traces=lambda _: [white], model=SimpleNamespace(outputs=("yaw_rate", "vy")), _measured=[np.zeros_like(white)],
-        masks=[np.ones_like(white, dtype=bool)], shared=True,
+        masks=[np.ones_like(white, dtype=bool)],
     )  # fmt: skip
     noise = Problem.spread(problem, np.zeros(0))
-    larger = ((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5
-    expected = larger if shared else 1.0
+    expected = ((1.0 + memory**2) / (1.0 - memory**2)) ** 0.5 if shared else 1.0
     assert noise["yaw_rate"] == pytest.approx(expected, rel=0.05)
     assert noise["vy"] == pytest.approx(expected, rel=0.05)
-    # Where the structure is settled, each output has its own.
-    problem.shared = False
-    noise = Problem.spread(problem, np.zeros(0))
-    assert noise["yaw_rate"] == pytest.approx(expected, rel=0.05)
-    assert noise["vy"] == pytest.approx(larger, rel=0.05)
 
 
 @pytest.mark.parametrize(("sigma", "excluded"), [(0.05, True), (0.3, False)])
@@ -200,7 +194,7 @@ def test_outliers_are_a_few_samples_and_transients_that_do_not_fit_are_not(share
     off[:, random.random(50_000) < share] *= 1e3
     problem: Any = SimpleNamespace(
         traces=lambda _: [off], model=SimpleNamespace(outputs=("vy",)), _measured=[np.zeros_like(off)],
-        masks=[np.ones_like(off, dtype=bool)], shared=True,
+        masks=[np.ones_like(off, dtype=bool)],
     )  # fmt: skip
     noise = Problem.spread(problem, np.zeros(0))["vy"]
     # Twice the 95th percentile of the sizes limits the outliers: their root mean square is less than the plain one.

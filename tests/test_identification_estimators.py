@@ -503,7 +503,7 @@ def test_a_delay_of_vy_is_estimated_and_without_it_the_interval_contains_the_tru
     parameters = LATERAL | {"velocity_ahead": Setting(free=False)}
     model = ModelSpec("single_track", {"tyres": "linear"})
     blind = fitted(data, model, parameters=parameters)["yaw_inertia"]
-    assert abs(blind.value - TRUTH["yaw_inertia"]) > 2.0 * blind.sigma_noise
+    assert abs(blind.value / TRUTH["yaw_inertia"] - 1.0) > 0.02  # twice what noise does
     assert blind.low < TRUTH["yaw_inertia"] < blind.high
     assert "whether vy has a delay" in blind.explanation
     seeing = fitted(data, model, parameters=parameters | {"velocity_delay": Setting(free=True)})

@@ -61,8 +61,7 @@ def fit(
     if all(unknown.kind == "fixed" for unknown in unknowns):
         raise ConfigError(f"all of model {made.kind} are fixed; there is nothing to fit, free one", path=["parameters"])
     drives, notes = make_segments(made, data.train, options.shooting)
-    noise = initial_noise(made, drives)
-    problem = Problem(made, drives, unknowns, noise, options.offsets, options.continuity, shared=False)
+    problem = Problem(made, drives, unknowns, initial_noise(made, drives), options.offsets, options.continuity)
     # Ten values per unknown at least: with fewer, the residuals show little about the noise.
     if problem.samples <= 10 * problem.size:
         text = f"{problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"

@@ -34,7 +34,6 @@ class Problem:
         sigmas: noise by output [unit].
         offsets: whether sensors have offsets.
         joined: standard deviation of the gap between pieces of a log over the scales of the states; None if free.
-        shared: whether the noise of all outputs is enlarged alike for its memory, or that of each for its own.
     """
 
     model: Model
@@ -43,7 +42,6 @@ class Problem:
     sigmas: Mapping[str, float]
     offsets: bool = True
     joined: float | None = None
-    shared: bool = True
     _shots: list[Shots] = field(init=False, repr=False)
     _last: tuple[bytes, list[Sensitivity]] | None = field(default=None, init=False, repr=False)
     _closed: bytes = field(default=b"", init=False, repr=False)
@@ -267,10 +265,8 @@ class Problem:
     def spread(self, z: Array) -> dict[str, float]:
         """Return the noise of the outputs [unit]: the root mean square of the residuals, with outliers limited.
 
-        Residuals with a memory count as fewer samples. The memory that all outputs share is that of the noise: it
-        enlarges all alike, so that structures are compared by the same weights, and an effect that one output lacks is
-        not hidden. Where the structure is settled, further memory of an output is an error of the model in it, which
-        would move the others.
+        Residuals with a memory count as fewer samples. The memory that all outputs share is that of the noise; it
+        enlarges all alike, so that noise does not outweigh what is usual for a vehicle.
         """
         traces, spread, memory = self.traces(z), {}, {}
         for i, name in enumerate(self.model.outputs):
@@ -286,9 +282,8 @@ class Problem:
             off = np.clip(off, -cutoff, cutoff)
             spread[name] = float(np.sqrt(np.mean(off**2))) or 1e-9
             memory[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
-        if self.shared:
-            memory = dict.fromkeys(memory, min(memory.values()))
-        return {name: value * float(np.sqrt(memory[name])) for name, value in spread.items()}
+        shared = float(np.sqrt(min(memory.values())))
+        return {name: value * shared for name, value in spread.items()}
 
 
 def is_continuation(segment: Segment, other: Segment) -> bool:
