@@ -155,9 +155,8 @@ frequency, damping and lateness of the dampers of roll are where a fit starts on
 
 
 COMMANDED = {"steering_ratio": Setting(fixed=1.0), "steering_lag": Setting(free=True, guess=0.03)}
-LATE = DELAY + 1.5 / RATE
-"""Delay of a command behind the actuator of vehicle.yaml: the lag of the first half of a period is that of the hold, a
-whole one that between two discrete updates [s]."""
+LATE = DELAY + 0.5 / RATE
+"""Delay of a command behind the actuator of vehicle.yaml: the hold has a lag of half a period [s]."""
 
 
 @pytest.fixture(scope="module")
