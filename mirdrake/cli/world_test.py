@@ -187,20 +187,14 @@ def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
     yield f"  {display_path(suite.folder)}/"
     yield "    report.html      report"
     yield "    junit.xml        for continuous integration"
-    reported = [
-        f"{result.folder}/{REPORT}"
-        for _, result in ranked
-        if result.folder is not None and (suite.folder / result.folder / REPORT).is_file()
-    ]
-    if reported:
-        yield f"    {reported[0]}      report of a case{_more(reported)}"
-    recorded = [
-        f"{result.folder}/{RECORDING}"
-        for _, result in ranked
-        if result.folder is not None and (suite.folder / result.folder / RECORDING).is_file()
-    ]
-    if recorded:
-        yield f"    {recorded[0]}      recording, opens offline{_more(recorded)}"
+    for name, text in ((REPORT, "report of a case"), (RECORDING, "recording, opens offline")):
+        kept = [
+            f"{result.folder}/{name}"
+            for _, result in ranked
+            if result.folder is not None and (suite.folder / result.folder / name).is_file()
+        ]
+        if kept:
+            yield f"    {kept[0]}      {text}{_more(kept)}"
     worst = next((case for case, result in ranked if result.verdict != "pass"), None)
     if worst is not None and len(suite.cases) > 1:
         yield f"  repeat the worst case: {worst.command}"

@@ -36,7 +36,7 @@ from typing import NamedTuple
 from mirdrake.core.checks import check_number
 
 _SMALL = 1e-9
-_LIMIT = 1.5  # limit of the deflection over that at linear slip stiffness, μ N / C [1]
+DEFLECTION_LIMIT = 1.5  # limit of the deflection over that at linear slip stiffness, μ N / C [1]
 _MAX_SLIDING = 0.25  # sliding in a part of a step, over the limit of the deflection [1]
 _MAX_PARTS = 64
 _SHORT = 1e-3  # λ dt below which a series of the response to a ramp is exact to 2e-7
@@ -167,7 +167,7 @@ def deflect_along(
     """
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0
-    limit = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit = DEFLECTION_LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
     decay, weight = abs(motion.vx) / contact.length_x, low_speed_weight(motion.vx, settings.low)
     return relaxation_step(deflection, -motion.slip_x, decay, limit, weight, period, -change)
 
@@ -183,7 +183,7 @@ def deflect_across(
     """Return the lateral deflection after a step [m]; arguments as in :func:`deflect_along`."""
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0
-    limit = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
+    limit = DEFLECTION_LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     share = _share_of_spring(motion, contact, settings) if settings.lateral_damping else 1.0
     decay, weight = share * abs(motion.vx) / contact.length_y, low_speed_weight(motion.vx, settings.low)
     return relaxation_step(deflection, share * motion.vy, decay, limit, weight, period, share * change)
@@ -196,8 +196,8 @@ def deflection_rates(
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0, 0.0
     weight = low_speed_weight(motion.vx, settings.low)
-    limit_x = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
-    limit_y = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
+    limit_x = DEFLECTION_LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit_y = DEFLECTION_LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
     decay_x = speed / contact.length_x + sliding_rate(state.along, -motion.slip_x, limit_x, weight)
     share = _share_of_spring(motion, contact, settings)

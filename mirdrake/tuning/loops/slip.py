@@ -29,6 +29,7 @@ from mirdrake.tuning.loops.bench import WAIT, PlantBench
 from mirdrake.tuning.loops.reduced import judge_test, model_of, pid_of, reduced_test
 from mirdrake.tuning.loops.slip_kernel import SLIP_PARTS, SlipNumbers, simulate_slip
 from mirdrake.tuning.models import Floats
+from mirdrake.tyres.relaxation import DEFLECTION_LIMIT
 from mirdrake.vehicles.traction import FRICTION_RESERVE, Axles
 
 RESERVE, DIRECT_RESERVE = 0.03, FRICTION_RESERVE
@@ -46,8 +47,6 @@ STEP = 1e-3
 
 NODES = 101
 """Slips at which the force of a tyre is stored."""
-
-_LIMIT = 1.5  # limit of a deflection at standstill over that of linear slip stiffness, as in mirdrake.tyres.relaxation
 
 
 def pitch_of(bench: PlantBench, axles: Axles) -> tuple[float, float, float]:
@@ -229,7 +228,7 @@ def _run(
             (
                 axle.wheels, axle.inertia * conditions.mass, axle.load * conditions.mass,
                 axle.transfer * conditions.mass, axle.stiffness, axle.length, axle.damping, axle.low_damping,
-                _LIMIT * float(curve.max()) / axle.stiffness, _peak_slip(curve),
+                DEFLECTION_LIMIT * float(curve.max()) / axle.stiffness, _peak_slip(curve),
             )
             for axle, curve in zip(model.slip.axles, curves, strict=True)
         ]
