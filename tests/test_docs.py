@@ -151,7 +151,11 @@ def test_a_user_system_can_replace_the_pedal_controller(tmp_path, monkeypatch):
 def test_the_python_of_a_page_runs_in_order(page, count, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Gymnasium sets the first, JAX the others.
-    for name, value in (("PYGAME_HIDE_SUPPORT_PROMPT", "hide"), ("TF_CPP_MIN_LOG_LEVEL", "1"), ("TPU_SKIP_MDS_QUERY", "1")):
+    for name, value in (
+        ("PYGAME_HIDE_SUPPORT_PROMPT", "hide"),
+        ("TF_CPP_MIN_LOG_LEVEL", "1"),
+        ("TPU_SKIP_MDS_QUERY", "1"),
+    ):
         monkeypatch.setenv(name, value)
     namespace: dict[str, object] = {}
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / f"{page}.md").read_text("utf-8"), re.DOTALL)
