@@ -13,8 +13,8 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
 from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_manoeuvre
 from mirdrake.manoeuvres.base import Metric, Outcome, scaled
-from mirdrake.manoeuvres.courses import eight, make_line
-from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec
+from mirdrake.manoeuvres.courses import Body, Section, clearance, eight, make_line
+from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec, _fault
 from mirdrake.manoeuvres.search import find_highest
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.plant.plant import PlantSpec
@@ -125,8 +125,30 @@ def test_an_eased_figure_of_eight_joins_two_circles():
 
 def test_a_planned_line_is_straight_where_it_need_not_bend():
     facts, spec = find_facts(load_vehicle("bolt")), DoubleLaneChangeSpec()
-    line = make_line(spec._line(facts, spec.sections(facts.width), 1.0))
+    line = make_line(spec._line(facts, 1.0))
     assert np.max(np.abs(line.curvature[line.x < -10.0])) < 0.05 * np.max(np.abs(line.curvature))
+
+
+@pytest.mark.parametrize(("rate", "fault"), [(0.0, ""), (0.1, "in section 7"), (2.0, "in section 7")])
+def test_a_car_that_turns_after_the_last_cone_of_a_slalom_does_not_pass(rate, fault):
+    """It keeps to the line until it is 5 m past the last cone, and then turns at a constant rate [rad/m]."""
+    facts, spec = find_facts(load_vehicle("bolt")), SlalomSpec()
+    line, sections = make_line(spec._line(facts, 0.0)), spec.sections(facts.width)
+    body = Body(facts.rear, facts.front, 0.5 * facts.width)
+    past = line.s[int(np.argmax(line.x + facts.rear > 5.0 * spec.spacing + 5.0))]
+    turned = rate * np.maximum(line.s - past, 0.0)
+    room = clearance(line.x, line.y, line.yaw + turned, body, sections)
+    assert len(room) == 7
+    assert room[:6] == pytest.approx(clearance(line.x, line.y, line.yaw, body, sections)[:6])
+    found = _fault(room, sections, x=float(line.x[-1]))
+    assert found.endswith(fault), found
+    assert bool(found) == bool(fault)
+
+
+def test_a_run_that_ends_in_its_last_section_does_not_pass():
+    lane = Section(0.0, 15.0, -1.0, 1.0)
+    assert _fault([0.1], [lane], x=14.9) == "it did not leave the course"
+    assert _fault([0.1], [lane], x=15.1) == ""
 
 
 # --- the plant --------------------------------------------------------------------------------------------------------

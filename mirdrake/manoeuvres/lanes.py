@@ -60,6 +60,10 @@ class CourseSpec(ManoeuvreSpec):
     def sections(self, width: float) -> list[Section]:
         """Return the course for a vehicle of a width [m]."""
 
+    def planned_sections(self, width: float) -> list[Section]:
+        """Return the course through which the line of the driver is planned, for a vehicle of a width [m]."""
+        return self.sections(width)
+
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Bisect the entry speed, and take the other figures at a lower speed."""
         # At the cones a step of the plant that is too long changes which speed passes.
@@ -86,7 +90,7 @@ class CourseSpec(ManoeuvreSpec):
                 record, room = self._try(rig, sections, speed)
             except Diverged as error:
                 return None, str(error)
-            fault = _fault(room, sections)
+            fault = _fault(room, sections, x=float(np.max(record.x)) + facts.rear)
             if not fault:
                 passes.append((speed, record))
             return (record, room), fault
@@ -97,7 +101,7 @@ class CourseSpec(ManoeuvreSpec):
             known = [record for passed, record in passes if _label(passed) == _label(speed)]
             return ((known[0], self._room(rig.facts, sections, known[0])), "") if known else attempt(speed)
 
-        guess = self._guess(facts, sections)
+        guess = self._guess(facts)
         limit = find_highest(
             attempt,
             lowest=self.lowest,
@@ -176,10 +180,10 @@ class CourseSpec(ManoeuvreSpec):
             text += f"; there {self.resolution / KMH:.2g} km/h change the sideslip by {change:.2g} %"
         outcome.notes.append(f"largest values at the limit, {high[0] / KMH:.4g} km/h: {text}")
 
-    def _guess(self, facts: Facts, sections: list[Section]) -> float:
+    def _guess(self, facts: Facts) -> float:
         """Return a speed [m/s] that friction may allow on the planned line."""
         try:
-            line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
+            line = make_line(self._line(facts, 0.3 * facts.wheelbase))
         except ConfigError as error:
             raise NotFeasible(error.text) from None
         # A quarter of the friction is left for transients and the load transfer.
@@ -190,8 +194,9 @@ class CourseSpec(ManoeuvreSpec):
         """Return x of the rear axle at the start and at the end of a run [m]."""
         return sections[0].x0 - facts.front - self.run_up, sections[-1].x1 - facts.rear + self.run_out
 
-    def _line(self, facts: Facts, sections: list[Section], point: float) -> dict[str, object]:
+    def _line(self, facts: Facts, point: float) -> dict[str, object]:
         """Return the line of the point that is `point` ahead of the rear axle [m]."""
+        sections = self.planned_sections(facts.width)
         start, end = self._range(facts, sections)
         return {
             "kind": "within",
@@ -216,7 +221,7 @@ class CourseSpec(ManoeuvreSpec):
         # held.
         coasts = self.releases and rig.pedals
         driver = rig.line_driver(
-            self._line(facts, sections, point),
+            self._line(facts, point),
             speed=speed,
             speeds=None if coasts else [[0.0, speed]],
             pedals=[[0.0, 0.0, 0.0, 1.0]] if coasts else None,
@@ -296,12 +301,20 @@ def _rough(value: float) -> str:
     return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 
-def _fault(room: Sequence[float], sections: Sequence[Section]) -> str:
-    """Return the reason why a run did not pass; empty if it did."""
+def _fault(room: Sequence[float], sections: Sequence[Section], *, x: float) -> str:
+    """Return the reason why a run did not pass; empty if it did.
+
+    Args:
+        room: smallest distance to the cones of each section [m].
+        sections: the course.
+        x: largest x of the rear end [m].
+    """
     if any(math.isinf(value) for value in room):
         return f"it did not reach section {[math.isinf(value) for value in room].index(True) + 1} of {len(sections)}"
     worst = int(np.argmin(room))
-    return f"cones hit by {1000.0 * -room[worst]:.0f} mm in section {worst + 1}" if room[worst] < 0.0 else ""
+    if room[worst] < 0.0:
+        return f"cones hit by {1000.0 * -room[worst]:.0f} mm in section {worst + 1}"
+    return "" if x > sections[-1].x1 else "it did not leave the course"
 
 
 def _exit(record: Record, sections: Sequence[Section]) -> float:
@@ -381,8 +394,21 @@ class SlalomSpec(CourseSpec):
     radius: Length = setting(0.15, "radius of a cone", "m", "own", ge=0.0)
     lowest: Speed = setting(20.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
 
-    def sections(self, width: float) -> list[Section]:  # noqa: ARG002 - as the base class has it
-        """Return a short section for each cone, open to the other side."""
+    def sections(self, width: float) -> list[Section]:
+        """Return a short section for each cone, open to the other side, and the exit lane on the line of the cones.
+
+        The exit lane is as far from the last cone as the start is from the first one, and is one spacing long. It is as
+        wide as the range of y that a vehicle needs which passes cones on both sides, 2 (width + radius). A vehicle that
+        slides or spins after the last cone does not pass it.
+        """
         sides = ((self.radius, math.inf), (-math.inf, -self.radius))
         centres = [number * self.spacing for number in range(self.cones)]
-        return [Section(x - self.radius, x + self.radius, *sides[number % 2]) for number, x in enumerate(centres)]
+        cones = [Section(x - self.radius, x + self.radius, *sides[number % 2]) for number, x in enumerate(centres)]
+        half, entry = width + self.radius, centres[-1] + self.run_up
+        return [*cones, Section(entry, entry + self.spacing, -half, half)]
+
+    def planned_sections(self, width: float) -> list[Section]:
+        """Return the same with a narrower exit lane, so that the driver returns to the line of the cones."""
+        *cones, lane = self.sections(width)
+        half = 0.5 * width + self.margin
+        return [*cones, lane._replace(low=-half, high=half)]
