@@ -13,6 +13,8 @@ from pydrake.systems.analysis import Simulator
 
 from mirdrake.assembly.diagram import Assembly, assemble, make_diagram
 from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.assembly.parts.steps import discrete_plant
+from mirdrake.assembly.scene import make_scene
 from mirdrake.core.compiled import compiled, records
 from mirdrake.plant.plant import PlantParts, implicit_servo, make_plant, solves_joints
 from mirdrake.plant.wheels.joint_step import JOINT_PARTS, JointMemory, StiffJoint, joint_steps
@@ -266,6 +268,43 @@ def test_only_what_disturbs_its_steps_makes_a_plant_discrete(changes: dict[str, 
     if "world" in changes:
         data["vehicles"] = {"ego": {"model": "bolt"}}
     assert solves_joints(assemble(make_spec(data)).parts.plant) is not continuous
+
+
+OWN_DRIVER = """
+from mirdrake.controllers.schedule import ConstantCommand
+
+class Unknown(ConstantCommand):
+    def __init__(self, period: float = 0.01):
+        super().__init__(5.0, 0.0, period=period)
+
+class Stated(Unknown):
+    sampled_with = "period"
+"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"control": {"ego": {"kind": "own_stepped:Stated"}}}, None),
+        ({"control": {"ego": {"kind": "own_stepped:Unknown"}}}, "control.ego: its period is not known"),
+        ({"control": {"ego": {"kind": "own_stepped:Stated", "period": 0.012}}}, "control.ego: 0.012 s is not a"),
+        ({"record": {"rate": 1000.0}}, "record.rate: 0.001 s is not a multiple of plant.time_step, 0.005 s"),
+        # A plant that needs the contact solver is discrete in any case.
+        ({"control": {"ego": {"kind": "own_stepped:Unknown"}}, "plant": {"contact": "point"}}, None),
+        ({"control": {"ego": {"kind": "own_stepped:Unknown"}}, "world": "barrels"}, None),
+    ],
+)
+def test_the_reason_why_a_plant_is_discrete_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], reason: str | None
+) -> None:
+    (tmp_path / "own_stepped.py").write_text(OWN_DRIVER)
+    monkeypatch.syspath_prepend(tmp_path)
+    spec = make_spec(diagram("bolt", **changes))
+    lines = discrete_plant(spec, make_scene(spec))
+    assert len(lines) == (reason is not None)
+    for line in lines:
+        assert str(reason) in line
+        assert line.endswith("; the plant is therefore discrete, and the run takes about twice as long")
 
 
 @pytest.mark.parametrize("step", [0.004, 0.005])

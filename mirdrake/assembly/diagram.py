@@ -33,7 +33,7 @@ from mirdrake.assembly.parts.actors import TRAFFIC, add_traffic
 from mirdrake.assembly.parts.forces import add_outer_forces, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start, start_of_actor
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
-from mirdrake.assembly.parts.steps import keeps_steps
+from mirdrake.assembly.parts.steps import interrupting_event
 from mirdrake.assembly.parts.taps import Tap, add_taps
 from mirdrake.assembly.parts.vehicles import add_drawn_wheels, add_vehicle_systems
 from mirdrake.assembly.scene import Scene, make_scene
@@ -283,7 +283,7 @@ def assemble(
             raise ConfigError(f"{place}: no vehicle '{vehicle}', of which a block is replaced; {hint}")
     check_sensors(spec, vehicles)
 
-    continuous = continuous and keeps_steps(spec, scene, factories or {})
+    continuous = continuous and not interrupting_event(spec, scene, factories)
     # The plant, and per vehicle its control unit, driver, ground truth and sensors.
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}

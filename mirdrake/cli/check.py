@@ -50,6 +50,7 @@ def _check_name(
     """Check a name; return the faults, the failures of a vehicle at rest, and remarks."""
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
+    from mirdrake.assembly.parts.steps import discrete_plant
     from mirdrake.assembly.speed_limits import limited_speeds
     from mirdrake.core.user_modules import without_user_code
     from mirdrake.runs.logs import load_run
@@ -83,8 +84,8 @@ def _check_name(
             f"camera '{name}' takes no pictures: they are neither recorded (record.cameras: true) nor connected"
             for name in ([] if skipped else assembly.idle_cameras)
         ]
-        limited = limited_speeds(spec, assembly.scene.vehicles)
-        return (), (), [*unread, *idle, *limited, *skipped_lines(skipped, "check", "checked")]
+        remarks = [*limited_speeds(spec, assembly.scene.vehicles), *discrete_plant(spec, assembly.scene)]
+        return (), (), [*unread, *idle, *remarks, *skipped_lines(skipped, "check", "checked")]
     except MirdrakeError as error:
         return str(error).splitlines(), (), ()
 

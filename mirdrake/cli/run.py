@@ -60,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Simulate the diagram; 1 if the run diverged."""
     from mirdrake.assembly.diagram_spec import load_diagram
+    from mirdrake.assembly.parts.steps import discrete_plant
     from mirdrake.assembly.scene import make_scene
     from mirdrake.assembly.speed_limits import limited_speeds
     from mirdrake.workflow import run_diagram
@@ -80,6 +81,8 @@ def run(options: argparse.Namespace) -> int:
     _warn_of_changed_files(spec, scene, options.diagram, overrides)
     for line in limited_speeds(spec, scene.vehicles):
         print(f"warning: {line}", file=sys.stderr)
+    for line in discrete_plant(spec, scene):
+        print(f"note: {line}", file=sys.stderr)
     if options.view or (options.view is None and sys.stdout.isatty() and not options.quiet):
         from mirdrake.viewer import make_meshcat
 

@@ -258,10 +258,10 @@ def make_plant(
             contact solver.
     """
     spec = spec or PlantSpec()
-    # The contact geometry of the ground is plane: only the tyre model rolls on uneven ground.
+    # The contact geometry of the ground is plane.
     terrain = terrain_of(world)
-    wheel_contact: ContactModel = spec.contact if terrain.flat else "tyre"
-    continuous = continuous and wheel_contact == "tyre" and not has_loose_bodies(world)
+    wheel_contact = contact_of_wheels(spec, terrain)
+    continuous = continuous and not needs_solver(wheel_contact, world)
     # Explicit friction under its own weight would chatter at speeds below g dt.
     slip = max(spec.stiction_tolerance, GRAVITY * spec.time_step) if continuous else spec.stiction_tolerance
     config = MultibodyPlantConfig(
@@ -306,9 +306,18 @@ def solves_joints(plant: MultibodyPlant) -> bool:
     return bool(plant.time_step() > 0.0)
 
 
-def has_loose_bodies(world: World) -> bool:
-    """Return whether bodies of a world move, apart from vehicles; they are too light for explicit contact forces."""
-    return any(not placed.static for placed in world.props) or any(actor.spec.body == "solid" for actor in world.actors)
+def contact_of_wheels(spec: PlantSpec, terrain: Terrain) -> ContactModel:
+    """Return the contact model of the wheels: only the tyre model rolls on uneven ground."""
+    return spec.contact if terrain.flat else "tyre"
+
+
+def needs_solver(wheel_contact: ContactModel, world: World) -> bool:
+    """Return whether a plant needs Drake's contact solver, for its wheels or for bodies that move; then it is discrete.
+
+    Such bodies are too light for explicit contact forces.
+    """
+    loose = any(not placed.static for placed in world.props) or any(a.spec.body == "solid" for a in world.actors)
+    return loose or wheel_contact != "tyre"
 
 
 def add_vehicle(
