@@ -8,14 +8,14 @@ from markupsafe import Markup
 
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.wording import plural
-from mirdrake.report.inspection_text import axis_name, draw_links, figure_rows, limits_of
+from mirdrake.report.inspection_text import axis_name, describe_view, draw_links, figure_rows, limits_of
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
 from mirdrake.report.words import title_case
 from mirdrake.vehicles import Vehicle
-from mirdrake.vehicles.figures import Inspection, SensorFigures
+from mirdrake.vehicles.figures import Inspection
 from mirdrake.viewer.pages import data_address
 from mirdrake.viewer.portrait import try_portrait
 
@@ -57,7 +57,7 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool =
         top=Markup(draw_top(figures, seen, solid)),
         lock=Markup(draw_lock(figures, turned or turned_solid, [part for part in turned_solid if part.link in wheels])),
         looks=any(sensor.across for sensor in figures.sensors),
-        views=[_view(sensor) for sensor in figures.sensors],
+        views=[describe_view(sensor) for sensor in figures.sensors],
         facts=_facts(figures),
         massive=[link for link in figures.links if link.mass],
         movable=[joint for joint in figures.joints if joint.kind != "fixed"],
@@ -106,16 +106,6 @@ def _facts(figures: Inspection) -> list[tuple[str, str, str]]:
     """Return the figures without a tile: name, value, and formula or meaning."""
     tiles = {"Mass", "Wheelbase", "Turning circle", "Rollover threshold", "Wheel radii", "Ground clearance"}
     return [row for row in figure_rows(figures) if row[0] not in tiles]
-
-
-def _view(sensor: SensorFigures) -> str:
-    """Return the field of view and the range of a sensor."""
-    if not sensor.across:
-        return "–"
-    across = math.degrees(sensor.across[1] - sensor.across[0])
-    upward = math.degrees(sensor.upward[1] - sensor.upward[0])
-    high = f" × {upward:.0f}°" if upward else ""
-    return f"{across:.0f}°{high}, {sensor.reach[0]:g} to {sensor.reach[1]:g} m"
 
 
 def _portrait(vehicle: Vehicle) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from mirdrake.assembly.drawing import run_dot
 from mirdrake.core.constants import GRAVITY
-from mirdrake.vehicles.figures import Inspection, JointFigures, JointRole, LinkFigures
+from mirdrake.vehicles.figures import Inspection, JointFigures, JointRole, LinkFigures, SensorFigures
 
 _COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
 
@@ -101,6 +101,16 @@ def describe(figures: Inspection) -> str:
     parts.append("warnings" if figures.warnings else "no warnings")
     parts += [f"  {warning}" for warning in figures.warnings]
     return "\n".join(parts)
+
+
+def describe_view(sensor: SensorFigures) -> str:
+    """Return the field of view and the range of a sensor; a dash for one without a viewing direction."""
+    if not sensor.across:
+        return "–"
+    across = math.degrees(sensor.across[1] - sensor.across[0])
+    upward = math.degrees(sensor.upward[1] - sensor.upward[0])
+    high = f" × {upward:.0f}°" if upward else ""
+    return f"{across:.0f}°{high}, {sensor.reach[0]:g} to {sensor.reach[1]:g} m"
 
 
 def draw_links(figures: Inspection) -> str:

@@ -1,4 +1,4 @@
-"""The run report: a headline with the result, the track from above, signals, events, settings.
+"""The run report: a headline with the result, the track from above, signals, sensors, events, settings.
 
 The page needs no network and no other file; only the link to recording.html leads out of it.
 """
@@ -22,6 +22,7 @@ from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
 from mirdrake.report.inner_charts import make_inner_charts
 from mirdrake.report.page import Tile, render_page
+from mirdrake.report.sensor_views import make_sensors
 from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
@@ -95,6 +96,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         inner = make_inner_charts(
             signals, run.units, vehicles=names, systems=spec.get("systems") or {}, marks=_marks(run)
         )
+    sensors = [make_sensors(run, name, loaded.get(name)) for name in names]
     # The name of the diagram, else that of the folder.
     name = str(summary.get("diagram") or folder or "run")
     headline, sentences = _headline(vehicles, world, simulated)
@@ -113,6 +115,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         stop_reason=describe_stop(summary),
         vehicles=vehicles,
         drive=drive,
+        sensors=[one for one in sensors if one.rows],
         inner=inner,
         events=[
             (format_time(_number(event.get("time"))), event.get("kind", ""), event.get("text", ""))

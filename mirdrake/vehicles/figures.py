@@ -115,6 +115,7 @@ class SensorFigures:
         rate: samples per second [Hz].
         yaw: heading of the frame's x axis in base_link, positive to the left [rad].
         pitch: pitch of the same axis, positive upwards [rad].
+        roll: rotation about this axis [rad].
         across: horizontal field of view, right and left end about its x axis [rad]; empty for sensors without one.
         upward: the same from below to above [rad].
         reach: nearest and farthest distance [m]; empty for what does not look anywhere.
@@ -127,6 +128,7 @@ class SensorFigures:
     rate: float
     yaw: float = 0.0
     pitch: float = 0.0
+    roll: float = 0.0
     across: tuple[float, ...] = ()
     upward: tuple[float, ...] = ()
     reach: tuple[float, ...] = ()

@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import GeometryId, SceneGraphInspector
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
@@ -42,7 +42,7 @@ from mirdrake.vehicles.plausibility import find_oddities
 from mirdrake.vehicles.spec import WHEELS
 from mirdrake.vehicles.vehicle import Vehicle
 
-__all__ = ["Inspection", "JointFigures", "LinkFigures", "Overlap", "SensorFigures", "inspect_vehicle"]
+__all__ = ["Inspection", "JointFigures", "LinkFigures", "Overlap", "SensorFigures", "find_sensors", "inspect_vehicle"]
 
 Points = NDArray[np.float64]
 
@@ -281,6 +281,20 @@ def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[A
     return tuple(rows)
 
 
+def find_sensors(vehicle: Vehicle) -> tuple[SensorFigures, ...]:
+    """Return the mounted sensors of a vehicle with their places.
+
+    Raises:
+        ModelError: Drake cannot read the URDF, for example because a mesh is missing.
+    """
+    # The scene graph must live as long as the plant.
+    plant, _scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
+    context = plant.CreateDefaultContext()
+    base = plant.GetBodyByName(vehicle.spec.base_link)
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
+    return _sensors(plant, context, vehicle)
+
+
 def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[SensorFigures, ...]:
     rows = []
     for name, mount in vehicle.sensors.mounts.items():
@@ -297,6 +311,7 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
                 rate=mount.rate,
                 yaw=math.atan2(ahead[1], ahead[0]) + 0.0,
                 pitch=math.asin(min(max(float(ahead[2]), -1.0), 1.0)) + 0.0,
+                roll=float(RollPitchYaw(X_BS.rotation()).roll_angle()) + 0.0,
                 across=view.across if view else (),
                 upward=view.upward if view else (),
                 reach=view.reach if view else (),

@@ -138,6 +138,28 @@ class Samples(Mapping[str, Any]):
             return np.concatenate(parts)
         return [array for part in parts for array in part]
 
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of the arrays of this name; empty for numbers."""
+        about = self._schema.field(name).metadata or {}
+        return tuple(json.loads(about.get(b"shape", b"[]")))
+
+    def sample(self, index: int) -> dict[str, Array]:
+        """Return the arrays of one sample by name; only its row group is read.
+
+        Raises:
+            IndexError: there are not so many samples.
+        """
+        rest = index
+        for part in stored(self.path):
+            with read_errors(part), pq.ParquetFile(part) as file:
+                for group in range(file.num_row_groups):
+                    rows = file.metadata.row_group(group).num_rows
+                    if 0 <= rest < rows:
+                        row = file.read_row_group(group, use_threads=False).slice(rest, 1)
+                        return {name: self._values(row, name)[0] for name in self}
+                    rest -= rows
+        raise IndexError(f"{self.path.stem}: no sample {index}")
+
     def is_number(self, name: str) -> bool:
         """Return whether each sample has a single number of this name."""
         return not pa.types.is_list(self._schema.field(name).type)
@@ -149,6 +171,10 @@ class Samples(Mapping[str, Any]):
 
     def __iter__(self) -> Iterator[str]:
         return (name for name in self._schema.names if name != "time")
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether the samples have a column of this name."""
+        return name in self._schema.names and name != "time"
 
     def __len__(self) -> int:
         return len(self._schema.names) - 1
@@ -201,6 +227,10 @@ class RunArrays(Mapping[str, Samples]):
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._paths)
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a sensor of this name has samples."""
+        return name in self._paths
 
     def __len__(self) -> int:
         return len(self._paths)
