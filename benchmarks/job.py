@@ -26,7 +26,7 @@ def circle_figures(vx: Array, wz: Array) -> dict[str, float]:
 
     Returns:
         yaw rate against v tan(δ)/L with the speed that the car had, its standard deviation, and the speed against
-        the wanted one, all in %.
+        that set-point, all in %.
     """
     speed, rate = float(np.mean(vx)), float(np.mean(wz))
     kinematic = speed * tan(STEERING) / WHEELBASE * (1.0 if rate > 0.0 else -1.0)

@@ -123,7 +123,7 @@ def test_stability_of_a_ring_has_the_sign_of_the_linear_criterion(acceleration: 
     step = TimeStep(lanes, crew)
     claims = step.claims()
     now = start_states(world, lanes)
-    now["wanted"] = 25.0
+    now["desired"] = 25.0
     after, spread = np.empty_like(now), []
     for k in range(30_000):
         step(now, np.empty((0, 5)), k * DT, DT, after, claims)

@@ -17,7 +17,7 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.runs.simulation import Simulation
-from mirdrake.sensors.ranging.faces import flat
+from mirdrake.sensors.ranging.faces import flat_faces
 from mirdrake.sensors.ranging.laser_scanner import LaserScanner
 from mirdrake.sensors.ranging.lidar import Lidar, LidarMount, LidarScan
 from mirdrake.sensors.ranging.radar import Radar
@@ -400,7 +400,7 @@ def test_a_frame_that_is_not_there_is_rejected(tmp_path: Path) -> None:
 
 def test_without_embreex_the_message_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    triangle = flat(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), [[0, 1, 2]])
+    triangle = flat_faces(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), [[0, 1, 2]])
     with pytest.raises(MissingDependencyError, match="pip install embreex"):
         RayScene(triangle)
 

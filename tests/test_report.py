@@ -117,7 +117,7 @@ def make_run(folder: Path, *, duration: float = 200.0, rate: float = 50.0, name:
 class Page(HTMLParser):
     """Elements of a page with their attributes, its text, and whether every element is closed in order."""
 
-    VOID = ("meta", "link", "br")
+    VOID = ("meta", "link", "br", "img")
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -280,14 +280,14 @@ def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> No
         last = states_over(world, 5.0)[-1]
         # Without the gap to the others, which is recorded as well.
         return {
-            actor.name: [float(last[key][i]) for key in ("x", "v", "wanted")] for i, actor in enumerate(world.actors)
+            actor.name: [float(last[key][i]) for key in ("x", "v", "desired")] for i, actor in enumerate(world.actors)
         }
 
     # Alone, with others before and behind it in the list, and in another order.
     few = values(car("b", 100.0), car("d", 300.0))
     more = values(car("a", 500.0), car("d", 300.0), car("c", 700.0), car("b", 100.0))
     assert {name: more[name] for name in few} == few
-    assert len({wanted for _, _, wanted in more.values()}) == 4
+    assert len({desired for _, _, desired in more.values()}) == 4
 
 
 def test_a_yield_line_is_closed_for_all_but_the_vehicle_that_closes_it() -> None:

@@ -341,7 +341,7 @@ def start_states(world: World, lanes: LaneTable) -> Records:
         row.lane, row.s, row.offset, row.old = numbers[actor.lane], actor.s, actor.offset, -1.0
         # The side of a gate is unknown until the first step; nothing is ahead until it has been searched.
         row.started, row.side, row.gap = float(moves), np.nan, np.inf
-        row.wanted = actor.spec.speed
+        row.desired = actor.spec.speed
         row.v = actor.spec.speed if moves else 0.0
         if actor.spec.recorded is None:
             set_pose(lanes, row)

@@ -7,23 +7,23 @@ from mirdrake.actors.motion import approach
 from mirdrake.worlds.pieces import Array
 
 
-def acceleration(law: int, numbers: Array, speed: float, wanted: float, gap: float, ahead: float, dt: float) -> float:
+def acceleration(law: int, numbers: Array, speed: float, desired: float, gap: float, ahead: float, dt: float) -> float:
     """Return the acceleration of an actor [m/s²], before its limit.
 
     Args:
         law: number of the law.
         numbers: parameters of the behaviour.
         speed: present speed [m/s].
-        wanted: desired speed [m/s].
+        desired: desired speed [m/s].
         gap: distance to the object ahead [m]; infinite without one.
         ahead: its speed [m/s].
         dt: time step [s].
     """
     if law == follow.LAW:
-        rate = numbers[follow.ACCELERATION] if wanted > speed else numbers[follow.DECELERATION]
-        after, _ = approach(speed, wanted, rate, dt)
+        rate = numbers[follow.ACCELERATION] if desired > speed else numbers[follow.DECELERATION]
+        after, _ = approach(speed, desired, rate, dt)
         return (after - speed) / dt
-    return idm.idm(numbers, speed, wanted, gap, ahead)
+    return idm.idm(numbers, speed, desired, gap, ahead)
 
 
 def sees(law: int) -> bool:
@@ -38,14 +38,14 @@ def stopping_distance(law: int, numbers: Array, speed: float) -> float:
     return distance
 
 
-def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -> float:
+def at_end(law: int, numbers: Array, speed: float, desired: float, rest: float) -> float:
     """Return the largest acceleration before the end of a lane that has no successor [m/s²].
 
     Args:
         law: number of the law.
         numbers: parameters of the behaviour.
         speed: present speed [m/s].
-        wanted: desired speed [m/s].
+        desired: desired speed [m/s].
         rest: distance to the end [m].
     """
     if law == follow.LAW:
@@ -53,7 +53,7 @@ def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -
         needed = 0.5 * speed * speed / max(rest, 1e-9)
         return -needed if needed >= numbers[follow.DECELERATION] or rest <= 0.0 else math.inf
     # The end as a standing obstacle; the standstill gap is added because the end itself may be reached.
-    return idm.idm(numbers, speed, wanted, rest + numbers[idm.STANDSTILL], 0.0)
+    return idm.idm(numbers, speed, desired, rest + numbers[idm.STANDSTILL], 0.0)
 
 
 PARTS = (acceleration, sees, stopping_distance, at_end, *idm.PARTS, *idm_mobil.PARTS)

@@ -51,7 +51,7 @@ class State(NamedTuple):
     """number of its next step of the scenario"""
     side: float
     """signed distance of the subject beyond the gate of its trigger [m]"""
-    wanted: float
+    desired: float
     """desired speed [m/s]"""
     ramp: float
     """rate of the present change of speed, 0: none [m/s²]"""
@@ -118,15 +118,15 @@ def set_pose(t: LaneTable, row: Any) -> float:
     return cosine / shorter
 
 
-def approach(speed: float, wanted: float, rate: float, dt: float) -> tuple[float, float]:
+def approach(speed: float, desired: float, rate: float, dt: float) -> tuple[float, float]:
     """Return the speed [m/s] and the distance [m] after a change of speed at a rate until it is reached; exact."""
-    change = wanted - speed
+    change = desired - speed
     needed = abs(change) / rate
     # The desired speed is not reached within this step; otherwise the rest of the step is driven at it.
     if needed >= dt:
         after = speed + math.copysign(rate, change) * dt
         return after, 0.5 * (speed + after) * dt
-    return wanted, 0.5 * (speed + wanted) * needed + wanted * (dt - needed)
+    return desired, 0.5 * (speed + desired) * needed + desired * (dt - needed)
 
 
 def accelerate(speed: float, a: float, dt: float) -> tuple[float, float]:

@@ -188,7 +188,7 @@ def reserve(
     # Requests: 0 none, 1 not yet possible, 2 waits, 3 reserved. All are decided from the claims at the begin.
     kinds = np.zeros(total, np.int64)
     for i in range(total):
-        drives = lanes[i] >= 0 and (i >= n or (now[i].started > 0.0 and now[i].held == 0.0 and now[i].wanted > 0.0))
+        drives = lanes[i] >= 0 and (i >= n or (now[i].started > 0.0 and now[i].held == 0.0 and now[i].desired > 0.0))
         if drives and claims[i].way >= 0.0:
             kinds[i] = request(
                 t, ways, numbers[i], shape[i], i, lanes[i], places[i], speeds[i], ends[i], objects, known, count, lanes,

@@ -154,22 +154,22 @@ def move(
     row.gap = gap
 
     # Speed and distance: a change of speed by a scenario, or the law of the behaviour.
-    wanted = 0.0 if row.held > 0.0 else row.wanted
+    desired = 0.0 if row.held > 0.0 else row.desired
     row.limit = 0.0
     # Not started yet; otherwise a rate set by a scenario takes precedence over the law, without regard to gaps.
     if row.started == 0.0:
         row.v, distance = 0.0, 0.0
     elif row.ramp > 0.0:
-        row.v, distance = approach(speed, wanted, row.ramp, dt)
+        row.v, distance = approach(speed, desired, row.ramp, dt)
         # While it is held the rate stays, so that the law of the behaviour does not take over at standstill.
-        if row.v == wanted and row.held == 0.0:
+        if row.v == desired and row.held == 0.0:
             row.ramp = 0.0
     else:
-        a = acceleration(law, numbers, speed, wanted, gap, other, dt)
+        a = acceleration(law, numbers, speed, desired, gap, other, dt)
         # A dead end is an obstacle, also behind further lanes; laws that ignore others must stop there as well.
         rest = way_to_end(t, lane, row.s, LOOK)
         if rest < math.inf:
-            a = min(a, at_end(law, numbers, speed, wanted, rest))
+            a = min(a, at_end(law, numbers, speed, desired, rest))
         # Recorded as `braking_limit`: the law asked for a harder braking than the actor is capable of.
         if a < -numbers[BRAKING]:
             a = -numbers[BRAKING]
@@ -324,9 +324,9 @@ def advantage(
         return -math.inf
 
     # Without the actor, a follower has the gap to the object ahead of it: both gaps and the length of the actor.
-    law, wanted = crew.members[i].law, now[i].wanted
-    own = acceleration(law, numbers, speed, wanted, gap, lead, dt)
-    own_then = acceleration(law, numbers, speed, wanted, new_gap, new_lead, dt)
+    law, desired = crew.members[i].law, now[i].desired
+    own = acceleration(law, numbers, speed, desired, gap, lead, dt)
+    own_then = acceleration(law, numbers, speed, desired, new_gap, new_lead, dt)
     new, new_then = followers(
         crew, i, now, new_owner, new_back_speed, new_back + 2.0 * half + new_gap, new_lead, new_back, speed, dt
     )
@@ -365,10 +365,10 @@ def followers(
         return 0.0, 0.0
     who = owner if owner < len(now) and sees(crew.members[owner].law) else i
     # A vehicle has no known set-point; its speed is at least as large as it drives now.
-    wanted = max(now[who].wanted, speed) if who == i else now[who].wanted
+    desired = max(now[who].desired, speed) if who == i else now[who].desired
     return (
-        acceleration(crew.members[who].law, crew.numbers[who], speed, wanted, free, lead, dt),
-        acceleration(crew.members[who].law, crew.numbers[who], speed, wanted, near, mine, dt),
+        acceleration(crew.members[who].law, crew.numbers[who], speed, desired, free, lead, dt),
+        acceleration(crew.members[who].law, crew.numbers[who], speed, desired, near, mine, dt),
     )
 
 

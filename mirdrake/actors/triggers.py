@@ -99,9 +99,9 @@ def act(t: LaneTable, step: Array, now_row: Any, row: Any, speed: float, min_rad
     """
     action = int(step[ACTION])
     if action == START:
-        row.started, row.wanted = 1.0, speed
+        row.started, row.desired = 1.0, speed
     elif action == CHANGE_SPEED:
-        row.wanted, row.ramp, row.held = step[FIRST], step[SECOND], 0.0
+        row.desired, row.ramp, row.held = step[FIRST], step[SECOND], 0.0
     elif action == STOP:
         row.ramp, row.held = step[FIRST], 1.0
     elif action == GO:

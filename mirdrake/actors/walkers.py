@@ -10,7 +10,7 @@ from mirdrake.actors.motion import set_pose
 from mirdrake.core.compiled import Records
 from mirdrake.worlds.pieces import Array
 
-_FASTEST = 1.3  # largest speed over the wanted one
+_FASTEST = 1.3  # largest speed over the desired one
 _KERB = 0.3  # [m] from a waiting pedestrian to the road
 _ASIDE = 1.0  # [m] beside the path that a vehicle may pass
 _SLOW = 0.5  # [m/s] speed below which vehicles are not a danger
@@ -29,7 +29,7 @@ def step_walker(
 ) -> None:
     """Write the next state of a pedestrian.
 
-    The force towards its wanted velocity and its path is critically damped.
+    The force towards its desired velocity and its path is critically damped.
 
     Args:
         t: lanes.
@@ -47,7 +47,7 @@ def step_walker(
     row.gap, row.a = math.inf, 0.0
     if row.started == 0.0:
         return
-    wanted = 0.0 if row.held > 0.0 else row.wanted
+    desired = 0.0 if row.held > 0.0 else row.desired
 
     # At the kerb it waits until the gap to every vehicle is long enough.
     begin, end = numbers[walk.BEGIN], numbers[walk.END]
@@ -68,13 +68,13 @@ def step_walker(
                 if arrives_within(x, y, heading, half, car[0], car[1], car[3], car[4], numbers[walk.CRITICAL]):
                     row.wait = 1.0
     if row.wait > 0.0:
-        wanted = 0.0
+        desired = 0.0
 
     # Forces along the path and to its left.
     _, _, direction, _ = lane_pose(t, lane, me.s)
     cosine, sine = math.cos(direction), math.sin(direction)
     # Poles of the lateral motion: s² + s/tau + 1/(4 tau²) = (s + 1/(2 tau))², critically damped.
-    along, across = (wanted - speed) / tau, -aside / tau - offset / (4.0 * tau * tau)
+    along, across = (desired - speed) / tau, -aside / tau - offset / (4.0 * tau * tau)
     for j in range(n):
         if j != i and members[j].law == walk.LAW:
             # Pedestrians count as circles, whatever their heading.
@@ -84,7 +84,7 @@ def step_walker(
             across += fy * cosine - fx * sine
 
     # Semi-implicit Euler: the new speed moves it. It does not walk backwards, nor is it pushed beyond a run.
-    row.v = max(0.0, min(speed + along * dt, _FASTEST * row.wanted))
+    row.v = max(0.0, min(speed + along * dt, _FASTEST * row.desired))
     row.a = (row.v - speed) / dt
     row.aim = aside + across * dt
     row.s = min(me.s + row.v * dt, t.lanes[lane].length)

@@ -57,7 +57,7 @@ def track(trackers: Trackers, i: int, x: State, rear_length: float, time: float,
 
     Args:
         trackers: trackers of all cars.
-        i: the car.
+        i: index of the car.
         x: its states.
         rear_length: from the centre of mass to the rear axle [m].
         time: present time [s].

@@ -83,7 +83,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def whole_number(low: int, high: int = 100_000) -> Any:
-    """Return a type of an option: a whole number within limits."""
+    """Return a converter of argparse that accepts whole numbers within limits."""
 
     def parse(text: str) -> int:
         if not text.isdecimal() or not low <= int(text) <= high:

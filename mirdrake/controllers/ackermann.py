@@ -100,11 +100,11 @@ SteeringLaw = Callable[[SteeringNumbers, float], tuple[WheelAngles, WheelRatios]
 """Angles of the wheels and ratios of their speeds for a bicycle angle, or for the input of the robot."""
 
 
-def approach(numbers: SteeringNumbers, steering: float, wanted: float, period: float) -> float:
+def approach(numbers: SteeringNumbers, steering: float, target: float, period: float) -> float:
     """:meth:`Ackermann.approach` of a law's numbers."""
     # The rate limits first, so that an angle beyond the limit comes back at once.
     step = numbers.rate * period
-    return min(max(min(max(wanted, steering - step), steering + step), -numbers.limit), numbers.limit)
+    return min(max(min(max(target, steering - step), steering + step), -numbers.limit), numbers.limit)
 
 
 def wheel_angles(numbers: SteeringNumbers, steering: float) -> WheelAngles:
@@ -139,15 +139,15 @@ def bicycle_angle(numbers: SteeringNumbers, left: float, right: float) -> float:
     return math.atan(0.5 * (from_left + from_right))
 
 
-def unior_angles(numbers: SteeringNumbers, wanted: float) -> WheelAngles:
+def unior_angles(numbers: SteeringNumbers, steering: float) -> WheelAngles:
     """:meth:`Ackermann.unior_wheel_angles` of a law's numbers."""
-    direct = numbers.factor * wanted
+    direct = numbers.factor * steering
     tangent = math.tan(direct)
     ratio = 2.0 * numbers.kingpin
     # cot(other) = cot(direct) -+ T/L; in both cases the other wheel turns more.
     other = math.copysign(math.atan2(abs(tangent), 1.0 - abs(tangent) * ratio), tangent)
     # As printed, the wheel set directly is the inner one with angles positive to the left.
-    if (wanted > 0.0) == numbers.printed:
+    if (steering > 0.0) == numbers.printed:
         return direct, other
     return other, direct
 
@@ -220,15 +220,15 @@ class Ackermann:
         """Return the bicycle angle [rad], limited so that the inner wheel stays within its limit."""
         return min(max(steering, -self.limit), self.limit)
 
-    def approach(self, steering: float, wanted: float, *, period: float) -> float:
-        """Return the bicycle angle one period after `steering` on the way to `wanted` [rad], within limit and rate.
+    def approach(self, steering: float, target: float, *, period: float) -> float:
+        """Return the bicycle angle one period after `steering` on the way to `target` [rad], within limit and rate.
 
         Args:
             steering: present angle [rad].
-            wanted: angle to go to [rad].
+            target: angle to go to [rad].
             period: time that passes [s].
         """
-        return approach(self.numbers, steering, wanted, period)
+        return approach(self.numbers, steering, target, period)
 
     def wheel_angles(self, steering: float) -> tuple[float, float]:
         """Return left and right wheel angle [rad] for a bicycle angle in (-pi/2, pi/2); not limited."""
@@ -260,7 +260,7 @@ class Ackermann:
     def bicycle_angle(self, left: float, right: float) -> float:
         """Return the bicycle angle [rad] of two wheel angles, the inverse of :meth:`wheel_angles`.
 
-        Each wheel alone fixes a turning centre. When the two do not agree, the mean of the two curvatures counts.
+        Each wheel alone determines a turning centre. If the two differ, the mean of their curvatures is used.
 
         Args:
             left: angle of the left wheel [rad].
@@ -270,13 +270,13 @@ class Ackermann:
 
     # --- the linkage of the Avrora Unior ---------------------------------------------------------------------------
 
-    def unior_wheel_angles(self, wanted: float, *, factor: float = 0.5, printed: bool = False) -> tuple[float, float]:
+    def unior_wheel_angles(self, steering: float, *, factor: float = 0.5, printed: bool = False) -> tuple[float, float]:
         """Return left and right wheel angle [rad] by the steering equation published for the Avrora Unior.
 
         One wheel is set directly, the other follows ("Avrora Unior Car-like Robot in Gazebo Environment")::
 
-            wanted > 0:  left  = factor wanted,  right = arccot(cot(left)  - T/L)
-            wanted < 0:  right = factor wanted,  left  = arccot(cot(right) + T/L)
+            steering > 0:  left  = factor steering,  right = arccot(cot(left)  - T/L)
+            steering < 0:  right = factor steering,  left  = arccot(cot(right) + T/L)
 
         Reading notes (vehicles.md section 6): the printed 2B/l1 must be kingpin track over wheelbase T/L. The printed
         signs give Ackermann steering only when a positive angle turns right, so that the wheel set directly is the
@@ -284,11 +284,11 @@ class Ackermann:
         the inner (anti-Ackermann).
 
         Args:
-            wanted: steering input of the robot [rad], positive to the left.
+            steering: steering input of the robot [rad], positive to the left.
             factor: angle of the directly set wheel over the input, c in the paper.
             printed: False: the outer wheel is set directly, cot(outer) - cot(inner) = T/L. True: literally as printed.
         """
-        return unior_angles(self.numbers._replace(factor=factor, printed=printed), wanted)
+        return unior_angles(self.numbers._replace(factor=factor, printed=printed), steering)
 
     def unior_input(self, steering: float, *, factor: float = 0.5) -> float:
         """Return the input [rad] of :meth:`unior_wheel_angles` (outer wheel direct) equivalent to a bicycle angle.
@@ -327,7 +327,7 @@ class UniorLinkage(Ackermann):
         return unior_angles(self.numbers, steering)
 
     def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
-        """Return the ratios of the bicycle angle nearest to the two wheel angles."""
+        """Return the ratios for an input [rad], from the bicycle angle of the two wheel angles; see the base class."""
         return unior_wheels(self.numbers, steering)[1]
 
     def bicycle_angle(self, left: float, right: float) -> float:

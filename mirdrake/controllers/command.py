@@ -102,5 +102,5 @@ def command_step(
         state = CommandState(speed, steering, stamp)
     alive = time - state.stamp <= limits.timeout + TOLERANCE
     last_steering = min(max(state.steering, -limits.steering), limits.steering)
-    wanted = min(max(state.speed, limits.minimum_speed), limits.maximum_speed) if alive else 0.0
-    return state, CommandResult(Setpoint(wanted, last_steering), alive)
+    speed_setpoint = min(max(state.speed, limits.minimum_speed), limits.maximum_speed) if alive else 0.0
+    return state, CommandResult(Setpoint(speed_setpoint, last_steering), alive)

@@ -223,13 +223,13 @@ def speed_step(
     """
     i, part = line_place(path, line, place.s)
     # A correction that is tighter than planned must not exceed the lateral limit.
-    wanted: float = min(line_value(line, i, part, 3), gains.speed)
+    target: float = min(line_value(line, i, part, 3), gains.speed)
     turning = abs(math.tan(steering) / vehicle.wheelbase)
-    if turning * wanted * wanted > _TURN_MARGIN * vehicle.lateral:
-        wanted = math.sqrt(_TURN_MARGIN * vehicle.lateral / turning)
+    if turning * target * target > _TURN_MARGIN * vehicle.lateral:
+        target = math.sqrt(_TURN_MARGIN * vehicle.lateral / turning)
     # Planned speeds fall with the limit; the margin lets the command catch up with them.
     lowest = previous - _BRAKE_MARGIN * vehicle.deceleration * vehicle.period
-    return max(min(wanted, previous + vehicle.acceleration * vehicle.period), lowest, 0.0)
+    return max(min(target, previous + vehicle.acceleration * vehicle.period), lowest, 0.0)
 
 
 def tracker_step(

@@ -47,7 +47,7 @@ class Span(NamedTuple):
 
 
 def find_span(text: str, path: Path) -> Span | None:
-    """Return the part of the text of a value, without its comments; None if it has none of its own."""
+    """Return the part of the text that a value occupies, without comments; None for an alias or a missing value."""
     node = _find(text, path)
     if node is None or node.kind == "alias":
         return None

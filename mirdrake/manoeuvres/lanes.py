@@ -371,7 +371,7 @@ class ObstacleAvoidanceSpec(CourseSpec):
         return self.release
 
     def sections(self, width: float) -> list[Section]:
-        """Return sections 1, 3 and 5; 5 is aligned with the far edge of 1."""
+        """Return sections 1, 3 and 5 for a vehicle of a width [m]; the right edges of sections 1 and 5 are in line."""
         a, b = self.first_factor * width + self.first_extra, width + self.second_extra
         l1, g1, l2, g2, l3 = self.lengths
         low = 0.5 * a + self.offset

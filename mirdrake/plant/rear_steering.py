@@ -101,13 +101,13 @@ class RearSteering(LeafSystem):  # type: ignore[misc, unused-ignore]
         x = self.plant_state.Eval(context).tolist()
         front = _bicycle_angle(*(x[index] for index in self._angles))
         if self.reference.HasValue(context):
-            wanted = float(self.reference.Eval(context)[0])
+            target = float(self.reference.Eval(context)[0])
         else:
             speed, _, _ = planar_velocity(x[self._quaternion :][:4], x[self._velocity :][:6])
-            wanted = read_map(self._spec.ratio, abs(speed)) * front
-        wanted = max(-self._spec.limit, min(self._spec.limit, wanted))
+            target = read_map(self._spec.ratio, abs(speed)) * front
+        target = max(-self._spec.limit, min(self._spec.limit, target))
         memory = context.get_discrete_state(self._memory).value().tolist()
-        memory, rear = self._actuator.step(memory, wanted)
+        memory, rear = self._actuator.step(memory, target)
         # The rate is that of the last period; the angle itself is held.
         geometry, last = self._geometry, context.get_discrete_state(self._output).value()
         angles = rear_wheel_angles(front, rear, wheelbase=geometry.wheelbase, track=geometry.rear_track)

@@ -175,19 +175,19 @@ def study_key(spec: TuningSpec, loop: LoopSpec) -> str:
 
 
 def user_sources(diagram: Any) -> dict[str, str]:
-    """Return the digests of the files that define the classes and functions of the user in data of a diagram."""
+    """Return the digest of the file of each user class or function (``module:name``) that a diagram names."""
     if isinstance(diagram, Mapping):
-        named = diagram.get("kind")
-        own_class = isinstance(named, str) and ":" in named and not named.startswith("mirdrake.")
-        module = sys.modules.get(str(named).partition(":")[0]) if own_class else None
+        kind = diagram.get("kind")
+        is_user_code = isinstance(kind, str) and ":" in kind and not kind.startswith("mirdrake.")
+        module = sys.modules.get(str(kind).partition(":")[0]) if is_user_code else None
         file = getattr(module, "__file__", None) or ""
-        own = {str(named): digest(Path(file).read_bytes())} if file.endswith(".py") else {}
+        digests = {str(kind): digest(Path(file).read_bytes())} if file.endswith(".py") else {}
         parts: Iterable[Any] = diagram.values()
     else:
-        own, parts = {}, diagram if isinstance(diagram, list) else ()
+        digests, parts = {}, diagram if isinstance(diagram, list) else ()
     for part in parts:
-        own |= user_sources(part)
-    return own
+        digests |= user_sources(part)
+    return digests
 
 
 @contextmanager

@@ -184,7 +184,7 @@ class World:
 
     @cached_property
     def yield_lines(self) -> tuple[YieldLine, ...]:
-        """Yield lines."""
+        """Lines at which vehicles wait for traffic with priority."""
         return make_yield_lines(self.spec.yield_lines, self.tracks, self.lanes)
 
     @cached_property

@@ -38,7 +38,7 @@ class Idm(LaneBehaviour):
         return self.acceleration, self.deceleration, self.headway, self.standstill, self.exponent
 
 
-def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -> float:
+def idm(numbers: Array, speed: float, desired: float, gap: float, ahead: float) -> float:
     """Return the acceleration [m/s²].
 
     a (1 - (v/v0)^delta - (s*/s)²) with s* = s0 + max(0, v T + v dv / (2 sqrt(a b))).
@@ -46,7 +46,7 @@ def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -
     Args:
         numbers: parameters.
         speed: v [m/s].
-        wanted: v0 [m/s].
+        desired: v0 [m/s].
         gap: s to the object ahead [m], infinite without one.
         ahead: speed of that object [m/s].
     """
@@ -54,7 +54,7 @@ def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -
     dynamic = speed * numbers[HEADWAY] + speed * (speed - ahead) / (2.0 * math.sqrt(a * b))
     wish = numbers[STANDSTILL] + max(0.0, dynamic)
     # A set-point of zero would divide by zero; this term makes it brake, harder at higher speed.
-    free = (speed / wanted) ** numbers[EXPONENT] if wanted > 0.0 else 1.0 + speed
+    free = (speed / desired) ** numbers[EXPONENT] if desired > 0.0 else 1.0 + speed
     # A lower bound: a negative gap would brake less, the more two objects overlap.
     near = wish / max(gap, _TIGHT)
     acceleration: float = a * (1.0 - free - near * near)

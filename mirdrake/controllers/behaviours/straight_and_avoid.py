@@ -33,7 +33,7 @@ _ANGLES = 21
 _LINES = 8  # to either side, half the width of the car apart
 _STEP = 0.25  # between the poses of a path; a front end moves less to the side than the clearance [m]
 _BLOCK = 12  # poses that are evaluated together
-_PREFERENCE = 0.1  # what full steering away from the present or the wanted one costs, in parts of the way looked at
+_PREFERENCE = 0.1  # cost of full steering away from the present or the target angle, as a share of the path looked at
 _BESIDE = 5.0  # lateral distance beyond which points are not remembered [m]
 _GRAIN = 0.1  # points closer together are remembered as one [m]
 _MOST = 256  # points remembered
@@ -92,14 +92,14 @@ class StraightAndAvoid(Behaviour):
         convergence = max(self.spec.convergence_distance, 0.8 * speed)
         # Ways to lines parallel to its own: first its own, then those beside where the car is.
         lines = np.append(lateral, self._lines)
-        wanted, ways = self._ways_to(lines, heading, convergence, largest, present, change, steps)
-        steering, way, followed = float(wanted[0]), math.inf, ways[0]
+        target, ways = self._ways_to(lines, heading, convergence, largest, present, change, steps)
+        steering, way, followed = float(target[0]), math.inf, ways[0]
         clearances = [self.spec.clearance, 0.5 * self.spec.clearance]
         # Paths are compared only if the way back to the line is not free.
         if free_ways(clearances, points, self._paths(ways[:1]), self._box).min() < steps:
             turned: Array = self.law.limit * self._shares
             bent = np.clip(turning(present, turned, change, steps), -largest, largest)
-            angles, followable = np.concatenate((turned, wanted)), np.vstack((bent, ways))
+            angles, followable = np.concatenate((turned, target)), np.vstack((bent, ways))
             angles = np.clip(angles, -largest[0], largest[0])
             paths = self._paths(followable)
             wide, narrow = free_ways(clearances, points, paths, self._box)
@@ -152,10 +152,10 @@ class StraightAndAvoid(Behaviour):
         angle, yaw = np.full(len(lateral), steering), np.full(len(lateral), heading)
         angles, now = np.empty((len(lateral), steps)), angle
         for k in range(steps):
-            wanted = np.arctan(self._wheelbase * line_curvature(lateral, yaw, distance=convergence))
-            wanted = np.minimum(np.maximum(wanted, -largest[k]), largest[k])
-            now = wanted if k == 0 else now
-            angle = angle + np.minimum(np.maximum(wanted - angle, -change), change)
+            target = np.arctan(self._wheelbase * line_curvature(lateral, yaw, distance=convergence))
+            target = np.minimum(np.maximum(target, -largest[k]), largest[k])
+            now = target if k == 0 else now
+            angle = angle + np.minimum(np.maximum(target - angle, -change), change)
             angles[:, k] = angle
             turn = np.tan(angle) * (_STEP / self._wheelbase)
             lateral = lateral + _STEP * np.sin(yaw + 0.5 * turn)

@@ -293,11 +293,17 @@ def is_continuation(segment: Segment, other: Segment) -> bool:
 
 
 def transfer_states(z: Array, before: Problem, now: Problem) -> Array:
-    """Return offsets and initial states of one problem for another of the same segments; new states are as guessed."""
+    """Return the sensor offsets and initial states of one problem for another model of the same segments.
+
+    Args:
+        z: unknowns of `before`: parameters, sensor offsets, and initial states relative to their guesses.
+        before: problem of these unknowns.
+        now: problem with another model; states that `before` does not have stay at their guesses.
+    """
     offsets, starts = np.split(z[len(before.free) :], [len(before.sensors)])
-    had, have = before.model.states, now.model.states
-    states = np.zeros((len(now.drives), len(have)))
-    for i, name in enumerate(have):
-        if name in had:
-            states[:, i] = starts.reshape(-1, len(had))[:, had.index(name)]
+    old_names, new_names = before.model.states, now.model.states
+    states = np.zeros((len(now.drives), len(new_names)))
+    for i, name in enumerate(new_names):
+        if name in old_names:
+            states[:, i] = starts.reshape(-1, len(old_names))[:, old_names.index(name)]
     return np.concatenate((offsets, states.ravel()))

@@ -58,7 +58,7 @@ class SlipState(NamedTuple):
 
 def hold_slip(
     state: SlipState,
-    wanted: float,
+    demand: float,
     direction: float,
     rate: float,
     speed: float,
@@ -71,7 +71,7 @@ def hold_slip(
 
     Args:
         state: result of the last step.
-        wanted: demanded torque [N m], not negative.
+        demand: demanded torque [N m], not negative.
         direction: :data:`BRAKING` or :data:`DRIVING`.
         rate: spin rate of the wheel, positive in the direction of travel [rad/s].
         speed: speed of its centre along its plane in that direction [m/s].
@@ -81,19 +81,19 @@ def hold_slip(
         period: [s]
 
     Returns:
-        The state, and the torque [N m], never more than `wanted`.
+        The state, and the torque [N m], never more than `demand`.
     """
     slip = direction * (rate * radius - speed) / max(speed, options.min_speed)
     too_slow = direction == BRAKING and speed < options.min_speed
     # A first step has no earlier rate to compare with; below the lowest speed the brake may lock the wheel.
-    if state.started == 0.0 or too_slow or wanted <= 0.0:
-        return SlipState(0.0, wanted, rate, speed, 1.0), wanted
+    if state.started == 0.0 or too_slow or demand <= 0.0:
+        return SlipState(0.0, demand, rate, speed, 1.0), demand
     # o, the torque of all other sources, and u, with which the slip error decays; see the head of the module.
     others = inertia * (rate - state.rate) / period - direction * state.torque
     pull = inertia * (speed - state.speed) / (period * radius)
     reach = inertia * options.gain * max(speed, options.min_speed) / radius
     limit = max(direction * (pull - others) - reach * (slip - options.target_slip), 0.0)
     # Hysteresis: control starts at half of the target slip and ends when the demand is below its limit.
-    active = limit < wanted and (state.active > 0.0 or slip > 0.5 * options.target_slip)
-    torque = limit if active else wanted
+    active = limit < demand and (state.active > 0.0 or slip > 0.5 * options.target_slip)
+    torque = limit if active else demand
     return SlipState(1.0 if active else 0.0, torque, rate, speed, 1.0), torque

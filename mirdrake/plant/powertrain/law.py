@@ -412,9 +412,9 @@ def powertrain_step(
         part, driven = 1.0, slips + 4 * _SLIP
         for i in range(4):
             if drive[i] != 0.0:
-                wanted = abs(drive[i])
-                held_torque = _hold(numbers, assistance, memory, driven, i, wanted, along, measured, DRIVING)
-                part = min(part, held_torque / wanted)
+                demand = abs(drive[i])
+                held_torque = _hold(numbers, assistance, memory, driven, i, demand, along, measured, DRIVING)
+                part = min(part, held_torque / demand)
         acting += 1.0 if part < 1.0 else 0.0
         torque *= part
         drive = split_drive(along * torque, numbers.shares)
@@ -439,7 +439,7 @@ def _hold(
     memory: MutableSequence[float],
     first: int,
     wheel: int,
-    wanted: float,
+    demand: float,
     along: float,
     measured: Measured,
     direction: float,
@@ -450,7 +450,7 @@ def _hold(
     at = first + _SLIP * wheel
     state, torque = hold_slip(
         SlipState(memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4]),
-        wanted,
+        demand,
         direction,
         rate,
         speed,

@@ -46,10 +46,10 @@ def stability_torques(
     """Return the additional brake torques [N m], front left, front right, rear left, rear right."""
     if speed < options.min_speed:
         return 0.0, 0.0, 0.0, 0.0
-    wanted = reference_yaw_rate(options, speed, steering, wheelbase)
-    error = yaw_rate - wanted
+    reference = reference_yaw_rate(options, speed, steering, wheelbase)
+    error = yaw_rate - reference
     torque = min(max(abs(error) - options.dead_band, 0.0) * options.gain, options.max_torque)
     left, right = (0.0, torque) if error > 0.0 else (torque, 0.0)  # a braked right wheel turns the car to the right
-    if error * wanted > 0.0 or (wanted == 0.0 and torque > 0.0):
+    if error * reference > 0.0 or (reference == 0.0 and torque > 0.0):
         return left, right, 0.0, 0.0  # oversteer: the outer front wheel
     return 0.0, 0.0, left, right  # understeer, or the wrong direction: the inner rear wheel

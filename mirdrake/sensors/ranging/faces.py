@@ -53,8 +53,8 @@ class Faces:
         return Faces(self.corners @ R.T + p, self.curve, self.cap, quadrics)
 
 
-def flat(points: Array, triangles: Any) -> Faces:
-    """Return the faces of a mesh: points (n, 3) [m], indices (m, 3)."""
+def flat_faces(points: Array, triangles: Any) -> Faces:
+    """Return the flat faces of a mesh: points (n, 3) [m], indices of corners (m, 3)."""
     corners = np.asarray(points, dtype=float)[np.asarray(triangles, dtype=int)]
     count = len(corners)
     return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
@@ -63,7 +63,7 @@ def flat(points: Array, triangles: Any) -> Faces:
 def joined(parts: Sequence[Faces]) -> Faces:
     """Return all faces of objects that do not move relative to one another."""
     if not parts:
-        return flat(np.empty((0, 3)), np.empty((0, 3), dtype=int))
+        return flat_faces(np.empty((0, 3)), np.empty((0, 3), dtype=int))
     first = np.cumsum([0, *(len(part.quadrics) for part in parts)])
     curve = [
         np.where(part.curve < 0, -1, part.curve + shift) for part, shift in zip(parts, first[:-1].tolist(), strict=True)

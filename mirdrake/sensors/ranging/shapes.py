@@ -29,7 +29,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.hulls import hull_points
 from mirdrake.core.meshes import area_vectors
-from mirdrake.sensors.ranging.faces import Array, Faces, Quadric, flat, joined
+from mirdrake.sensors.ranging.faces import Array, Faces, Quadric, flat_faces, joined
 
 _UP = np.array([0.0, 0.0, 1.0])
 _SIDES = 64  # of the prism around a cylinder
@@ -51,7 +51,7 @@ def faces_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Faces | No
         points = hull_points(inspector, geometry)
         if points is not None:
             solid = trimesh.convex.convex_hull(points)
-            faces = flat(solid.vertices, solid.faces)
+            faces = flat_faces(solid.vertices, solid.faces)
     return faces
 
 
@@ -59,7 +59,7 @@ def _primitive(shape: Shape) -> Faces | None:
     # Round shapes are enclosed by triangles, which the exact equations replace at the hit.
     if isinstance(shape, Box):
         box = trimesh.creation.box(extents=shape.size())
-        return flat(box.vertices, box.faces)
+        return flat_faces(box.vertices, box.faces)
     if isinstance(shape, Cylinder):
         return _tube(shape.radius(), 0.5 * shape.length(), closed=True)
     if isinstance(shape, Sphere):
@@ -127,7 +127,7 @@ def _cone(height: float, a: float, b: float) -> Faces:
     here, after = np.arange(sides), np.roll(np.arange(sides), -1)
     mantle = np.column_stack((after, here, np.full(sides, sides)))
     base = np.column_stack((here, after, np.full(sides, sides + 1)))
-    return flat(points, np.concatenate((mantle, base)))
+    return flat_faces(points, np.concatenate((mantle, base)))
 
 
 # --- meshes ------------------------------------------------------------------------------------------------------
