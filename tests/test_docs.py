@@ -308,7 +308,7 @@ def test_the_blocks_of_a_control_unit_are_those_of_the_table(assemblies):
     rows = rows_below("| block | class |")
     assert {name for row in rows for name in re.findall(r"`(\w+)`", row[0])} == blocks.keys()
     of_any_size = {"plant_state", "desired_state", "actuation"}  # they depend on the vehicle
-    for names, kind, inputs, outputs in rows:
+    for names, kind, _meaning, inputs, outputs in rows:
         for name in re.findall(r"`(\w+)`", names):
             block = blocks[name]
             assert kind == f"`{type(block).__name__}`"
