@@ -254,7 +254,7 @@ class _Editor:
             found = child_of(node, key)
             if found is None:
                 if node.kind == "list":
-                    self._refuse(keys[:depth], f"is a list of {len(node.values)}; '{key}' is not an index of it")
+                    self._reject(keys[:depth], f"is a list of {len(node.values)}; '{key}' is not an index of it")
                 return self._add(node, keys[depth:], written)
             node = found[1]
             # A key with an empty value becomes a mapping in braces, as there is no line to indent under it.
@@ -264,12 +264,12 @@ class _Editor:
         # Only a list in brackets has its extent on one line.
         if isinstance(value, tuple) and node.kind == "list":
             if not node.flow:
-                self._refuse(keys, "is a list in lines; write it in brackets, or remove it")
+                self._reject(keys, "is a list in lines; write it in brackets, or remove it")
             return self._put(node, written)
         if node.kind not in {"scalar", "alias"}:
-            self._refuse(keys, f"is a {node.kind}; a single value is expected")
+            self._reject(keys, f"is a {node.kind}; a single value is expected")
         if node.style in {"|", ">"}:
-            self._refuse(keys, "is a text of several lines; edit it by hand")
+            self._reject(keys, "is a text of several lines; edit it by hand")
         return self._put(node, written)
 
     def _put(self, node: Node, written: str) -> str:
@@ -295,18 +295,18 @@ class _Editor:
         for key in keys:
             found = child_of(node, key) if node is not None else None
             if node is None or found is None:
-                self._refuse(keys, "comes from an alias or a merge; edit the file by hand")
+                self._reject(keys, "comes from an alias or a merge; edit the file by hand")
             parent, (place, node) = node, found
         assert parent is not None
         assert node is not None
         if parent.kind == "list":
-            self._refuse(keys, "is an item of a list; edit the file by hand")
+            self._reject(keys, "is an item of a list; edit the file by hand")
         text, key_node = self.text, parent.keys[place]
         if parent.flow:
             return without_flow_entry(text, parent, place)
         begin = line_start(text, key_node.start)
         if text[begin : key_node.start].strip(" "):
-            self._refuse(keys, "shares its line with something else; edit the file by hand")
+            self._reject(keys, "shares its line with something else; edit the file by hand")
         end = line_end(text, node.end)
         match = LINE_BREAK.match(text, end)
         # Without a line break at the end, the line break before the entry is removed instead.
@@ -319,11 +319,11 @@ class _Editor:
 
     def _check_container(self, node: Node, keys: Sequence[str]) -> None:
         if node.kind == "alias":
-            self._refuse(keys, "is an alias; write out its value")
+            self._reject(keys, "is an alias; write out its value")
         if node.kind == "scalar":
-            self._refuse(keys, "is a single value; a mapping (key: value) is expected")
+            self._reject(keys, "is a single value; a mapping (key: value) is expected")
 
-    def _refuse(self, keys: Sequence[str], what: str) -> NoReturn:
+    def _reject(self, keys: Sequence[str], what: str) -> NoReturn:
         reject(self.text, self.name, keys, what)
 
 

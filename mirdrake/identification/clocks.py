@@ -1,11 +1,11 @@
-"""Which channels are late: values of channels from differences between them.
+"""Delays of channels, computed from the delays between channels.
 
 Relations between channels give their delays up to a common constant. The constant is the one that
 
 1. the data file names (``clock: CHANNEL``), or else
-2. makes the fewest sources late, as channels of one source move together, or else
+2. delays the fewest sources, as channels of one source have one delay, or else
 3. keeps the response of the vehicle behind the steering, or else
-4. makes channels late rather than early, as sensors, filters and networks delay and nothing arrives before it happens.
+4. makes channels lag rather than lead, as sensors, filters and networks cause delays.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -107,7 +107,7 @@ def solve_ties(
 def _rank(
     shifts: Mapping[str, float], source: Mapping[str, str], least: float, response: Response | None, one_sided: bool
 ) -> tuple[int, bool, int]:
-    """Return the number of late sources, whether the response precedes the steering, and how early channels are."""
+    """Return the number of delayed sources, whether the response leads the steering, and by how much channels lead."""
     moved = {source.get(name, name) for name, shift in shifts.items() if shift}
     acausal = response is not None and response.value - shifts.get(response.channel, 0.0) < -response.slack
     early = -sum(min(shift, 0.0) for shift in shifts.values())

@@ -307,8 +307,8 @@ def _is_shown(relation: Relation, delay: Delay, grid: Grid) -> bool:
     )
     time = grid.step * np.arange(len(left))
 
-    def residual(late: float, drift: float = 0.0) -> Array:
-        moved = np.interp(time - late - drift * (time - time.mean()), time, right)
+    def residual(shift: float, drift: float = 0.0) -> Array:
+        moved = np.interp(time - shift - drift * (time - time.mean()), time, right)
         base = np.column_stack((moved, grid.rate(moved), *beside, np.ones(len(time))))
         return np.asarray(left - base @ np.linalg.lstsq(base, left, rcond=None)[0])
 

@@ -44,7 +44,7 @@ MAX_SCALE = 2.0 * SCALES
 
 ROLL_LAG = 0.06
 """Lag of roll behind the acceleration, of a car: 2 ζ / ω for roll of 9 rad/s with a damping ratio of 0.3 [s]; for
-smaller vehicles it scales with POSITION_TIME. An accelerometer that measures a tenth more by roll is 6 ms late."""
+smaller vehicles it scales with POSITION_TIME. An accelerometer that measures a tenth more by roll lags by 6 ms."""
 
 ROLL_HEIGHT = 0.004
 """Standard deviation of the height difference of two sensors times roll angle over lateral acceleration [s²], of a car;
@@ -81,7 +81,7 @@ class Hypothesis(NamedTuple):
 
 
 NO_DELAY, WITH_SPEED = Hypothesis(), Hypothesis(velocity=True, speed=True)
-LATE = (Hypothesis(acceleration=True), Hypothesis(velocity=True), Hypothesis(acceleration=True, velocity=True))
+DELAYED = (Hypothesis(acceleration=True), Hypothesis(velocity=True), Hypothesis(acceleration=True, velocity=True))
 """One clock that differs from the others."""
 
 APART = Hypothesis(acceleration=True, velocity=True, apart=True)
@@ -103,7 +103,7 @@ class LateralDelays(NamedTuple):
         residual: root mean square of the residual of dvy/dt [m/s²].
         evidence: twice the logarithm of the odds for the delay; 0 without one.
         effective: number of independent samples of the residual.
-        against: Wald's statistic against each of LATE, if both delays are free.
+        against: Wald's statistic against each of DELAYED, if both delays are free.
         deviation: standard deviation of the delay, with that by scale and roll of the acceleration [s].
         limits: 95 % intervals of a delay of the lateral acceleration alone and of vy alone [s], where none is found;
             None where the logs do not determine it.
@@ -139,10 +139,10 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
     if plain is None:
         return None
     # Of one clock that differs, the one whose restriction contradicts the joint estimates least (Wald's test).
-    order = range(len(LATE)) if joint is None else np.argsort(joint.against)
-    late = [logs.estimate_best(hypothesis) for hypothesis in LATE]
-    estimates = [estimate for index in order if (estimate := late[index]) is not None]
-    plain = plain._replace(limits=(_interval(late[0]), _interval(late[1])))
+    order = range(len(DELAYED)) if joint is None else np.argsort(joint.against)
+    delayed = [logs.estimate_best(hypothesis) for hypothesis in DELAYED]
+    estimates = [estimate for index in order if (estimate := delayed[index]) is not None]
+    plain = plain._replace(limits=(_interval(delayed[0]), _interval(delayed[1])))
     best = (
         max(estimates, key=lambda estimate: estimate.evidence)
         if estimates and joint is None
@@ -179,11 +179,11 @@ def _explains(hypothesis: Hypothesis, logs: "_LogSet") -> bool:
     the residuals stay as they were. Noise hides the difference at little smoothing, so any smoothing may show it.
     """
     for width in logs.widths:
-        late, plain = logs.estimate(width, hypothesis), logs.estimate(width, NO_DELAY)
-        if late is None or plain is None or late.correlation < MIN_CORRELATION:
+        delayed, plain = logs.estimate(width, hypothesis), logs.estimate(width, NO_DELAY)
+        if delayed is None or plain is None or delayed.correlation < MIN_CORRELATION:
             continue
-        gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
-        if is_certain(gain, late.effective, DELAY_ODDS):
+        gain = 2.0 * delayed.effective * float(np.log(plain.residual / max(delayed.residual, 1e-300)))
+        if is_certain(gain, delayed.effective, DELAY_ODDS):
             return True
     return False
 
@@ -265,14 +265,14 @@ class _LogSet:
         sigma = np.sqrt(np.diag(spread))
         # Wald's statistic takes the place of the likelihood ratio, which instrumental variables do not maximise. An
         # accelerometer that measures a tenth more by roll lags by a tenth of the roll.
-        late = [0, 0 if free.of_yaw_rate else 1]
-        delays = [float(unknown[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
-        sigmas = [float(sigma[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
+        columns = [0, 0 if free.of_yaw_rate else 1]
+        delays = [float(unknown[i]) if is_free else 0.0 for i, is_free in zip(columns, free[:2], strict=True)]
+        sigmas = [float(sigma[i]) if is_free else 0.0 for i, is_free in zip(columns, free[:2], strict=True)]
         evidence, effective, variance = 0.0, effective_samples(rest), 0.0
         against: tuple[float, ...] = ()
         if free.apart:
             apart = spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1]
-            # What each hypothesis of LATE sets to zero: the delay of vy, that of ay, or their difference (the yaw
+            # What each hypothesis of DELAYED sets to zero: the delay of vy, that of ay, or their difference (the yaw
             # rate's delay).
             left = ((delays[1], sigmas[1]), (delays[0], sigmas[0]), (delays[0] - delays[1], float(np.sqrt(apart))))
             against = tuple((value / size) ** 2 for value, size in left)
@@ -318,9 +318,9 @@ class _SmoothedLog:
             self._inner = slice(margin, margin + self.count)
             self._halves = [_Half(grid, forward, rows, thin, part, rolls=rolls) for part in range(2)]
 
-    def compared(self, half: int, unknown: Array, lag: float, late: Hypothesis) -> tuple[Array, Array, Array]:
+    def compared(self, half: int, unknown: Array, lag: float, delayed: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals, slopes and dvy/dt of a half, with a lag of roll [s]."""
-        return self._halves[half].compared(unknown, self._inner, lag, late)
+        return self._halves[half].compared(unknown, self._inner, lag, delayed)
 
 
 class _Half:
@@ -348,15 +348,15 @@ class _Half:
 
     def compared(self, unknown: Array, inner: slice, lag: float, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals (n) of ``dvy/dt - ay + vx r + …``, their negative slopes (n, 7 or 8), and dvy/dt."""
-        # A late yaw rate is modelled as one common delay of both other channels, with the opposite sign.
+        # A delay of the yaw rate is modelled as one common delay of both other channels, with the opposite sign.
         moved = unknown[[0, 0] if hypothesis.of_yaw_rate else [0, 1]] / self.step
-        push, rise = (curve.at(inner, late) for curve, late in zip(self.curves, moved, strict=True))
-        slopes = [curve.at(inner, late, 1) / self.step for curve, late in zip(self.curves, moved, strict=True)]
-        late = moved[1] if hypothesis.speed else 0.0
+        push, rise = (curve.at(inner, delay) for curve, delay in zip(self.curves, moved, strict=True))
+        slopes = [curve.at(inner, delay, 1) / self.step for curve, delay in zip(self.curves, moved, strict=True)]
+        shift = moved[1] if hypothesis.speed else 0.0
         turn, spin = self.turn[inner], self.spin[inner]
-        whirl = self.rest[inner] + turn * self.speed.at(inner, late)
+        whirl = self.rest[inner] + turn * self.speed.at(inner, shift)
         if hypothesis.speed:
-            slopes[1] = slopes[1] + turn * self.speed.at(inner, late, 1) / self.step
+            slopes[1] = slopes[1] + turn * self.speed.at(inner, shift, 1) / self.step
         # The roll acceleration acts on a sensor at another height; roll follows ay, so its second derivative stands for
         # it.
         curvature = self.curves[0].at(inner, moved[0], 2) / self.step**2

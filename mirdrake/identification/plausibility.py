@@ -35,11 +35,11 @@ MIN_CORRELATION, SCALE_RANGE = 0.85, (0.6, 1.6)
 SIGN_ODDS = 1e3
 """Prior odds against a wrong sign [1]."""
 
-LATE = 0.2
+LARGEST_DELAY = 0.2
 """Largest delay of vy that is an alternative to a wrong sign [s]."""
 
 MIN_OPPOSITE = 0.5
-"""Least correlation of a wrong sign: that of a late response to fast steering may be negative, too."""
+"""Least correlation of a wrong sign: that of a delayed response to fast steering may be negative, too."""
 
 MIN_MOVING, SPEED_RATIO = 1.0, (0.5, 2.0)
 """Time in motion that shows the ratio of speed and vx [s], and the range of the ratio that is accepted [1]."""
@@ -419,7 +419,7 @@ def _opposite_velocity(grid: Grid, forward: str, width: int) -> float | None:
     """Return the correlation of ay - vx r with dvy/dt if vy has the wrong sign; None without evidence for it.
 
     Both signs are hypotheses with equal freedom, so noise of the derivative favours neither. With the right sign vy
-    or the acceleration may be late as well.
+    or the acceleration may have a delay.
 
     Args:
         grid: a log.
@@ -428,28 +428,28 @@ def _opposite_velocity(grid: Grid, forward: str, width: int) -> float | None:
     """
     rate, side = grid.channels["yaw_rate"], grid.channels["lateral_acceleration"]
     rise, whirl = grid.rate(grid.channels["vy"]), grid.channels[forward] * rate
-    reach = int(np.ceil(LATE / grid.step))
+    reach = int(np.ceil(LARGEST_DELAY / grid.step))
     count = (len(rate) - 2 * reach) // width
 
-    def means(values: np.ndarray, late: int = 0) -> np.ndarray:
-        first = reach + late
+    def means(values: np.ndarray, shift: int = 0) -> np.ndarray:
+        first = reach + shift
         return np.asarray(values[first : first + count * width].reshape(count, width).mean(axis=1))
 
     beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
     # The accelerometer has a small error of its scale only; position and offset are free.
     bounds = ([-np.inf, -MAX_SCALE, -np.inf], [np.inf, MAX_SCALE, np.inf])
 
-    def residual(sign: float, late_velocity: int = 0, late_acceleration: int = 0) -> np.ndarray:
-        left = means(side, late_acceleration) - means(whirl) - sign * means(rise, late_velocity)
+    def residual(sign: float, velocity_shift: int = 0, acceleration_shift: int = 0) -> np.ndarray:
+        left = means(side, acceleration_shift) - means(whirl) - sign * means(rise, velocity_shift)
         return np.asarray(left - beside @ lsq_linear(beside, left, bounds).x)
 
     opposite = residual(-1.0)
-    # A late channel is the alternative; it need not be searched for where even the plain sign fits as well.
+    # A delayed channel is the alternative; it need not be searched for where even the plain sign fits as well.
     if not is_certain(*likelihood_gain(residual(1.0), opposite), SIGN_ODDS):
         return None
     lags = np.unique(np.linspace(-reach, reach, 21).astype(int)).tolist()
-    late = [residual(1.0, lag, 0) for lag in lags] + [residual(1.0, 0, lag) for lag in lags]
-    right = min(late, key=lambda rest: float(rest @ rest))
+    delayed = [residual(1.0, lag, 0) for lag in lags] + [residual(1.0, 0, lag) for lag in lags]
+    right = min(delayed, key=lambda rest: float(rest @ rest))
     if not is_certain(*likelihood_gain(right, opposite), SIGN_ODDS):
         return None
     return float(np.corrcoef(means(side) - means(whirl), means(rise))[0, 1])

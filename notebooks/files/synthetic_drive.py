@@ -14,20 +14,20 @@ random = np.random.default_rng(1)
 bolt = mir.load_vehicle("bolt")
 
 
-def drive(angle, speed, name, late=0.04, step=0.01):
+def drive(angle, speed, name, delay=0.04, step=0.01):
     """Simulate a drive of the single track, write it into a CSV file, and return it.
 
     Args:
         angle: set-point of the steering at each step [rad].
         speed: initial speed [m/s].
         name: the file.
-        late: delay of the steering, which is not in the log [s].
+        delay: delay of the steering, which is not in the log [s].
         step: [s].
     """
     time = step * np.arange(len(angle))
     builder = DiagramBuilder()
     car = builder.AddSystem(make_single_track(bolt))
-    steering = PiecewisePolynomial.FirstOrderHold(time, np.interp(time - late, time, angle)[None])
+    steering = PiecewisePolynomial.FirstOrderHold(time, np.interp(time - delay, time, angle)[None])
     builder.Connect(builder.AddSystem(TrajectorySource(steering)).get_output_port(), car.GetInputPort("steering"))
     pedals = builder.AddSystem(ConstantVectorSource([400.0, 0.0]))  # drive and brake force [N]
     builder.Connect(pedals.get_output_port(), car.GetInputPort("forces"))
