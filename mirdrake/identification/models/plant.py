@@ -415,7 +415,7 @@ def _first(values: Array, step: float, row: int) -> float:
     good = np.isfinite(part)
     if good.sum() < 3:
         return float(part[good][0]) if good.any() else 0.0
-    # The level of a line at the first sample: a mean would be late by half the window while the speed changes.
+    # The level of a line at the first sample: a mean would lag by half the window while the speed changes.
     slope, level = np.polyfit(np.flatnonzero(good), part[good], 1)
     del slope
     return float(level)
