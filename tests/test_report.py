@@ -454,7 +454,7 @@ def test_thinning_keeps_the_ends_and_every_peak():
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [(0.12349, "m", "0.123 m"), (965.2, "m", "965 m"), (12340.0, "N", "12\u202f340 N"), (-0.5, "m", "−0.500 m"),
-     (0.0, "s", "0 s"), (float("nan"), "m", "–"), (21.84, "°", "21.8°"), (3.2, "×", "3.20×"), (2e-5, "m", "2e−05 m")],
+     (0.0, "s", "0 s"), (float("nan"), "m", "–"), (21.84, "°", "21.8°"), (3.2, "×", "3.20×"), (2e-5, "m", "2·10⁻⁵ m")],
 )  # fmt: skip
 def test_quantities_have_three_digits_and_their_unit(value, unit, text):
     assert format_quantity(value, unit).replace("\u00a0", " ") == text

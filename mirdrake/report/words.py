@@ -25,7 +25,7 @@ def format_quantity(value: float | None, unit: str = "", *, digits: int = 3) -> 
         text = f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "−")
         # A small value must not be rounded to zero.
         if float(f"{value:.{decimals}f}") == 0.0:
-            text = f"{value:.1g}".replace("-", "−")
+            text = format_significant(value, 1)
     if not unit:
         return text
     return f"{text}{unit}" if unit in {"°", "×"} else f"{text}\u00a0{format_unit(unit)}"
