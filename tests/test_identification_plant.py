@@ -170,7 +170,7 @@ parameters:
         ({"drive": "pedal"}, "", "model.drive: 'pedal' is not allowed; allowed: .*'pedals'"),
         ({"drive": "pedals"}, "", "needs channel 'throttle'"),
         ({"vehicle": "bolt", "drive": "torque"}, "", "needs a vehicle with a tyre model"),
-        ({"contact": "points"}, "", "model.contact: 'points' is not allowed; allowed: 'point'"),
+        ({"contact": "points"}, "", "model.contact: 'points' is not allowed; allowed: 'hydroelastic'"),
         ({"settle": -1.0}, "", "model.settle"),
         ({"time_step": 0.0}, "", "model.time_step"),
         ({"time_steps": 0.01}, "", "model.time_steps: unknown field; did you mean 'time_step'"),

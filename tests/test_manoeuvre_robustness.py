@@ -154,20 +154,20 @@ def test_a_run_that_ends_in_its_last_section_does_not_pass():
 # --- the plant --------------------------------------------------------------------------------------------------------
 
 
-def test_manoeuvres_have_point_contact_by_default():
-    assert _rig().contact == _rig("bolt").contact == "point"
+def test_manoeuvres_have_tyre_contact_by_default():
+    assert _rig().contact == _rig("bolt").contact == "tyre"
     assert _rig(plant={"contact": "hydroelastic"}).contact == "hydroelastic"
 
 
 def test_both_sides_of_a_symmetrical_car_are_alike():
-    left = _outcome("step_steer", "bolt@handling", "point")
+    left = _outcome("step_steer", "bolt@handling", "tyre")
     right = run_manoeuvre("step_steer", _rig(), read_settings(["step_steer.turn=right"]).step_steer)
     values = [[metric.value for metric in outcome.metrics] for outcome in (left, right)]
     assert values[0] == pytest.approx(values[1], rel=1e-6, nan_ok=True)
 
 
 def test_the_driver_keeps_the_car_on_its_line_on_split_friction():
-    outcome = _outcome("split_friction_braking", "bolt@handling", "point")
+    outcome = _outcome("split_friction_braking", "bolt@handling", "tyre")
     assert outcome.verdict == "pass", outcome.reason
     assert 0.3 * 9.81 < (outcome.value("mean") or 0.0) < 0.7 * 9.81  # between ice on one side and asphalt on both
     assert (outcome.value("hand_wheel_mean") or 0.0) > 20.0  # to the left, where the road is slippery
@@ -199,7 +199,7 @@ def test_driver_bandwidth_follows_steering_lag_and_tyres():
 
 def test_a_robot_has_no_lateral_oscillation_on_its_tyres_in_a_slalom():
     """With a driver who reacts to it, the steering oscillates at its rate limit, 8 times a second."""
-    rig = _rig("unior@handling").with_step(0.0025)
+    rig = _rig("unior@handling")
     spec = scaled(SlalomSpec(), rig.facts.scale)
     assert isinstance(spec, SlalomSpec)
     record, _ = spec._try(rig, spec.sections(rig.facts.width), 3.0)
@@ -266,10 +266,10 @@ _LEFT = {
 """One side is enough for a car whose sides are alike."""
 
 _QUICK = [
-    ("step_steer", "bolt", "point"),
-    ("braking", "bolt", "point"),
-    ("step_steer", "unior", "point"),
-    ("braking", "unior", "point"),
+    ("step_steer", "bolt", "tyre"),
+    ("braking", "bolt", "tyre"),
+    ("step_steer", "unior", "tyre"),
+    ("braking", "unior", "tyre"),
 ]
 _SLOW_ON_PATCHES = ("double_lane_change", "obstacle_avoidance", "slalom")
 """Ten runs and more, each with patches at half the step; they have the driver of the others."""
@@ -283,7 +283,7 @@ def test_transients_and_stops_do_not_depend_on_the_time_step(record_property, na
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "contact"),
-    [("bolt", "point"), ("mkz", "point"), ("catvehicle", "point"), ("unior", "point"), ("bolt", "hydroelastic")],
+    [("bolt", "tyre"), ("mkz", "tyre"), ("catvehicle", "tyre"), ("unior", "tyre"), ("bolt", "hydroelastic")],
 )
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_figures_do_not_depend_on_the_time_step(record_property, name, vehicle, contact):

@@ -262,10 +262,9 @@ def test_the_single_track_model_has_the_stated_differences_from_the_full_plant(t
     """Reports and docs/batch.md state these margins to the users of batches, whose cars have the same equations."""
     figures = []
     for model in ("single_track", "full"):
-        contact = [] if model == "single_track" else ["--set", "plant.contact=point"]
         folder = tmp_path / model
         folder.mkdir()
-        code, results = _drive(folder, name, "bolt@handling", "--model", model, "--quiet", *contact)
+        code, results = _drive(folder, name, "bolt@handling", "--model", model, "--quiet")
         assert code == 0
         figures.append(_figures(results, name))
         stated = [metric.get("margin") for metric in results["manoeuvres"][0]["metrics"].values()]

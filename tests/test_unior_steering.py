@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
-from mirdrake.plant.wheel_shape import ContactModel
+from mirdrake.core.contacts import ContactModel
 from mirdrake.tuning.identify import Identification, identify_loop
 from mirdrake.tuning.loops.base import Conditions, Evaluation
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench

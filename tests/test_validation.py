@@ -260,7 +260,7 @@ def test_a_smaller_tolerance_fails(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+@pytest.mark.parametrize("contact", ["tyre", "hydroelastic"])
 def test_every_figure_of_the_bolt_is_within_3_percent(contact):
     vehicle = load_vehicle("bolt")
     published = load_published(vehicle)

@@ -3,9 +3,10 @@
 import argparse
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from mirdrake.cli.common import add_set, kind_of, parse_names, positive_time, whole_number
+from mirdrake.core.contacts import STUDY_CONTACT, ContactModel
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import display_path
@@ -28,7 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("vehicle", help="name or path of a vehicle; bolt@handling is a variant")
     parser.add_argument("world", nargs="?", default="test_track", help="name or path of a world (default: test_track)")
     parser.add_argument("--start", metavar="NAME", help="a start of the world (default: its first)")
-    parser.add_argument("--contact", choices=("point", "hydroelastic"), default="point", help="(default: point)")
+    parser.add_argument(
+        "--contact",
+        choices=get_args(ContactModel),
+        default=STUDY_CONTACT,
+        help="contact of the wheels (default: %(default)s)",
+    )
     parser.add_argument(
         "--sensors",
         metavar="NAMES",

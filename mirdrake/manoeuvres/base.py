@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.config import JsonDict
 
+from mirdrake.core.contacts import STUDY_CONTACT
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Schema, where
 
@@ -88,7 +89,7 @@ class Margin(NamedTuple):
     limit: float
 
 
-MARGIN_CONDITIONS = "bolt@handling, point contact, default settings"
+MARGIN_CONDITIONS = f"bolt@handling, {STUDY_CONTACT} contact, default settings"
 """Conditions of the margins."""
 
 

@@ -14,7 +14,6 @@ from mirdrake.manoeuvres.base import (
     Outcome,
     scaled,
     setting,
-    time_step_setting,
 )
 from mirdrake.manoeuvres.checks import check_entry, check_speed, note_held_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
@@ -63,11 +62,9 @@ class SineWithDwellSpec(ManoeuvreSpec):
         math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak", "rad", "R", "FMVSS 126"
     )
     settle: Duration = setting(0.5, "time straight ahead before the sine", "s", "own", ge=0.0)
-    time_step: Duration = time_step_setting(0.0025, "a slide needs it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate a slowly increasing steer if A is not given, then all amplitudes to both sides."""
-        rig = rig.with_step(self.time_step)
         facts = rig.facts
         check_speed(facts, self.speed)
         # All amplitudes are multiples of A, so that vehicles with other steering ratios and gains have an equal test.

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import Duration, Length, Speed
+from mirdrake.core.yaml_io import Length, Speed
 from mirdrake.manoeuvres.base import (
     Chart,
     Curve,
@@ -18,7 +18,6 @@ from mirdrake.manoeuvres.base import (
     NotFeasible,
     Outcome,
     setting,
-    time_step_setting,
 )
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
 from mirdrake.manoeuvres.courses import Body, Section, clearance, make_line
@@ -54,7 +53,6 @@ class CourseSpec(ManoeuvreSpec):
     )
     run_up: Length = setting(30.0, "straight distance before the course", "m", "own", gt=0.0)
     run_out: Length = setting(25.0, "straight distance after the course", "m", "own", ge=0.0)
-    time_step: Duration = time_step_setting(0.0025, "sideslip at the limit needs it")
 
     @abstractmethod
     def sections(self, width: float) -> list[Section]:
@@ -66,8 +64,6 @@ class CourseSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Bisect the entry speed, and take the other figures at a lower speed."""
-        # At the cones a step of the plant that is too long changes which speed passes.
-        rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")

@@ -16,7 +16,6 @@ from mirdrake.manoeuvres.base import (
     NotFeasible,
     Outcome,
     setting,
-    time_step_setting,
 )
 from mirdrake.manoeuvres.checks import check_entry, check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.facts import Facts
@@ -56,11 +55,9 @@ class StepSteerSpec(ManoeuvreSpec):
     settle: Duration = setting(1.0, "time straight ahead before the step", "s", "own", ge=0.0)
     length: Duration = setting(5.0, "time after the step", "s", "own", gt=0.0)
     average: Duration = setting(1.0, "time at the end over which steady values are averaged", "s", "own", gt=0.0)
-    time_step: Duration = time_step_setting(0.0025, "small overshoots need it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate steps until the steady lateral acceleration is as required; the last run counts."""
-        rig = rig.with_step(self.time_step)
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
 

@@ -18,6 +18,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.scene import Scene
 from mirdrake.batched.control import COMMANDS, STATUS
+from mirdrake.core.contacts import STUDY_CONTACT
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.vectors import STATE
@@ -123,11 +124,8 @@ class Rig:
 
     @property
     def contact(self) -> str:
-        """Contact model of the plant: by default point contact, which takes half of the time of hydroelastic contact.
-
-        Both give the wheel load only; on a relief a vertical tyre does, whatever the setting.
-        """
-        return str(self.plant.get("contact", "point"))
+        """Contact model of the plant on the plane z = 0, by default tyre contact, which uneven ground always has."""
+        return str(self.plant.get("contact", STUDY_CONTACT))
 
     @property
     def _time_step(self) -> float:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.yaml_io import Duration, Length, Speed
+from mirdrake.core.yaml_io import Length, Speed
 from mirdrake.manoeuvres.base import (
     Chart,
     Curve,
@@ -16,7 +16,6 @@ from mirdrake.manoeuvres.base import (
     NotFeasible,
     Outcome,
     setting,
-    time_step_setting,
 )
 from mirdrake.manoeuvres.checks import check_speed, check_steering
 from mirdrake.manoeuvres.courses import make_line
@@ -54,12 +53,9 @@ class SkidpadSpec(ManoeuvreSpec):
     highest: Speed = setting(60.0 * KMH, "highest speed of the bisection", "m/s", "own", gt=0.0)
     lowest: Speed = setting(15.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
     resolution: Speed = setting(0.05 * KMH, "difference of speeds at which the bisection ends", "m/s", "own", gt=0.0)
-    time_step: Duration = time_step_setting(0.0025, "the limit needs it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Bisect the speed."""
-        # A limit of grip is sensitive to the step of the plant.
-        rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")

@@ -16,7 +16,6 @@ from mirdrake.manoeuvres.base import (
     NotFeasible,
     Outcome,
     setting,
-    time_step_setting,
 )
 from mirdrake.manoeuvres.checks import check_entry, check_speed
 from mirdrake.manoeuvres.metrics.straight import (
@@ -118,11 +117,9 @@ class AccelerationSpec(ManoeuvreSpec):
         FOOT, "distance whose time is subtracted", "m", "E", "Edmunds, Car and Driver", scales=False, gt=0.0
     )
     longest: Duration = setting(60.0, "longest run", "s", "own", gt=0.0)
-    time_step: Duration = time_step_setting(0.0025, "wheels that oscillate after a shift need it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate one run."""
-        rig = rig.with_step(self.time_step)
         facts = rig.facts
         # The usual distances and speeds, or for a small vehicle those at equal Froude number; never above its top
         # speed.
@@ -243,13 +240,11 @@ class SplitFrictionSpec(ManoeuvreSpec):
         15.0 * KMH, "speed down to which steering and motion count: below it wheels may lock", "m/s", "R"
     )
     lowest: float = setting(0.5, "deceleration below which it counts as not possible", "m/s²", "own", gt=0.0)
-    time_step: Duration = time_step_setting(0.00125, "the first steering and a spin need it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate one run."""
         if rig.kind == "single_track":
             raise NotFeasible("the single-track model has no left and right wheels")
-        rig = rig.with_step(self.time_step)
         # Left half of the road; it begins before the braking and ends far behind it.
         strip = {"rect": {"center": [2500.0, 50.0], "size": [6000.0, 100.0]}, "mu": self.slippery, "name": "slippery"}
         record = brake_run(

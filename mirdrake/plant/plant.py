@@ -45,6 +45,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.contacts import ContactModel
 from mirdrake.core.drake_log import filter_drake_log
 from mirdrake.core.errors import ModelError
 from mirdrake.core.vectors import SIDES
@@ -57,7 +58,6 @@ from mirdrake.plant.seen_scene import SeenScene
 from mirdrake.plant.wheel_shape import (
     LEAST_DEPTH,
     TREAD,
-    ContactModel,
     make_wheel_shape,
     patch_size,
 )

@@ -27,12 +27,11 @@ adds what the patch lacks elsewhere.
 
 from itertools import pairwise
 from math import asinh, copysign, cos, pi, sin, sqrt
-from typing import Literal
 
 from pydrake.common import MemoryFile
 from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 
-ContactModel = Literal["hydroelastic", "point", "tyre"]
+from mirdrake.core.contacts import ContactModel
 
 SEGMENTS = 64
 """Number of sectors around the circumference. At depths of 3 to 9 % of the radius the load differs from the closed

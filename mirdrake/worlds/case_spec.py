@@ -1,9 +1,10 @@
 """Part of the world language: tests of a world."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, field_validator
 
+from mirdrake.core.contacts import STUDY_CONTACT, ContactModel
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Duration, Schema
 from mirdrake.worlds.schema_types import Label
@@ -50,7 +51,7 @@ class CaseSpec(Schema):
     goal: str | None = Field(default=None, description="a goal of the world, to which 'at goal' refers [-]")
     behaviour: str | Json = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
     duration: Duration = Field(default=30.0, gt=0.0, le=86400.0, description="simulated time [s]")
-    contact: Literal["point", "hydroelastic", "tyre"] = Field(default="point", description="contact of the tyres [-]")
+    contact: ContactModel = Field(default=STUDY_CONTACT, description="contact of the tyres [-]")
     variations: dict[str, int | list[Any]] = Field(
         default_factory=dict, description="values of parameters and of seed; all combinations are run [-]"
     )

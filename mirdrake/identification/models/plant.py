@@ -31,6 +31,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.contacts import STUDY_CONTACT, ContactModel
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.json_io import Json
 from mirdrake.execution.parameters import find_context_parameters
@@ -73,7 +74,7 @@ class PlantOptions(ModelOptions):
     """Options of the plant model."""
 
     vehicle: str | None = Field(default=None, description="name or folder of the vehicle; that of the study [-]")
-    contact: Literal["point", "hydroelastic"] = Field(default="point", description="contact model [-]")
+    contact: ContactModel = Field(default=STUDY_CONTACT, description="contact model [-]")
     time_step: float | None = Field(default=None, gt=0.0, description="step of the plant [s]")
     drive: Literal["torque", "pedals", "speed"] | None = Field(
         default=None, description="how the drive is fed in; the first one that all logs allow if left out [-]"

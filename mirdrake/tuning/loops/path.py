@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
+from mirdrake.core.contacts import STUDY_CONTACT
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.identify import Experiment, Identification, Parameter
@@ -83,8 +84,7 @@ class PathLoop(SignalLoop):
                     DELAY: {"kind": f"{DelayedActuator.__module__}:DelayedActuator", "size": 1, "period": PERIOD}
                 },
                 "connect": [["ego.steering_command", f"{DELAY}.u"], [f"{DELAY}.y", "ego.steering_reference"]],
-                # The diagram is linearised, in which the steps of the continuous plant of vertical tyres have no part.
-                "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
+                "plant": {"contact": STUDY_CONTACT, **study.plant.model_dump(exclude_unset=True)},
                 "duration": self.course(study).duration,
                 "seed": study.seed,
             }
@@ -115,9 +115,9 @@ class PathBench(SignalBench):
         offset, yaw = self.spec.course.step, start["yaw"]
         on_path = start | {"x": start["x"] + offset * math.sin(yaw), "y": start["y"] - offset * math.cos(yaw)}
         vehicle = self.spec.diagram["vehicles"][self.spec.vehicle] | {"start": on_path}
-        return cut_loop(
-            assemble(make_spec(self.spec.diagram | {"vehicles": {self.spec.vehicle: vehicle}})), self.spec.effort
-        )
+        on_path_diagram = make_spec(self.spec.diagram | {"vehicles": {self.spec.vehicle: vehicle}})
+        # A continuous plant cannot be linearised: the periods of the linear model begin just before one of its steps.
+        return cut_loop(assemble(on_path_diagram, continuous=False), self.spec.effort)
 
     @property
     def operating_time(self) -> float:

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import _absolute, make_spec
+from mirdrake.core.contacts import STUDY_CONTACT
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
@@ -297,5 +298,5 @@ def _plant(study: TuningSpec, rate: float, *, steps: int) -> dict[str, object]:
 
     With vertical tyres the plant is continuous, which takes less than half of the time of point contact.
     """
-    usual = {"contact": "tyre", "time_step": 1.0 / rate / steps, "machine_code": True}
+    usual = {"contact": STUDY_CONTACT, "time_step": 1.0 / rate / steps, "machine_code": True}
     return usual | study.plant.model_dump(exclude_unset=True)
