@@ -140,7 +140,7 @@ def test_a_car_that_turns_after_the_last_cone_of_a_slalom_does_not_pass(rate, fa
     room = clearance(line.x, line.y, line.yaw + turned, body, sections)
     assert len(room) == 7
     assert room[:6] == pytest.approx(clearance(line.x, line.y, line.yaw, body, sections)[:6])
-    found = _fault(room, sections, x=float(line.x[-1]))
+    found = _fault(room.tolist(), sections, x=float(line.x[-1]))
     assert found.endswith(fault), found
     assert bool(found) == bool(fault)
 
