@@ -15,7 +15,7 @@ from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_
 from mirdrake.manoeuvres.base import Metric, Outcome, scaled
 from mirdrake.manoeuvres.courses import Body, Section, clearance, eight, make_line
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec, _fault
-from mirdrake.manoeuvres.search import find_highest
+from mirdrake.manoeuvres.search import find_highest, speed_label
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.runs.simulation import Simulation
@@ -115,6 +115,19 @@ def test_a_search_ends_at_the_first_failure_from_below(guess):
         lowest=5.0, highest=30.0, guess=8.0, resolution=0.1, check=4.0, step=0.25,
     )  # fmt: skip
     assert narrow.passed == pytest.approx(18.0, abs=0.1)
+
+
+def test_a_search_tries_one_of_two_speeds_with_the_same_name():
+    """A check at a multiple of its step, 0.0005 m/s from a speed of the bisection, would write the same folder."""
+    tried = []
+
+    def attempt(speed):
+        tried.append(speed_label(speed))
+        return speed, "" if speed <= 14.2 else "too fast"
+
+    limit = find_highest(attempt, lowest=5.0, highest=30.0, guess=14.0005, resolution=0.05, check=2.0, step=0.25)
+    assert limit.passed == pytest.approx(14.2, abs=0.05)
+    assert len(tried) == len(set(tried))
 
 
 def test_an_eased_figure_of_eight_joins_two_circles():

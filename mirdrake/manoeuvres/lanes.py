@@ -26,7 +26,7 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
-from mirdrake.manoeuvres.search import find_highest
+from mirdrake.manoeuvres.search import find_highest, once_per_label, speed_label
 
 _CHRONO = "Project Chrono double-lane-change demo"
 
@@ -81,6 +81,7 @@ class CourseSpec(ManoeuvreSpec):
         # A run that diverges counts as a failure of its speed.
         passes: list[tuple[float, Record]] = []
 
+        @once_per_label  # the speed of the figures below has often been tried by the bisection
         def attempt(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
             try:
                 record, room = self._try(rig, sections, speed)
@@ -90,12 +91,6 @@ class CourseSpec(ManoeuvreSpec):
             if not fault:
                 passes.append((speed, record))
             return (record, room), fault
-
-        # The speed of the figures has often been tried by the bisection: do not simulate it again.
-        def repeat(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
-            """Return the run of that speed if it has passed, else a new one."""
-            known = [record for passed, record in passes if _label(passed) == _label(speed)]
-            return ((known[0], self._room(rig.facts, sections, known[0])), "") if known else attempt(speed)
 
         guess = self._guess(facts)
         limit = find_highest(
@@ -125,11 +120,11 @@ class CourseSpec(ManoeuvreSpec):
         # A round speed in steps of `multiple`; the tolerance keeps an exact multiple from being rounded down.
         target = min(self.share * guess, limit.passed)
         speed = max(self.lowest, self.multiple * math.floor(target / self.multiple + 1e-9))
-        result, fault = repeat(speed)
+        result, fault = attempt(speed)
         # Passing is not monotonous near the limit: go down until a run passes.
         while fault and speed - self.multiple >= self.lowest:
             speed -= self.multiple
-            result, fault = repeat(speed)
+            result, fault = attempt(speed)
         if result is None:
             raise Diverged(fault)
         record, room = result
@@ -237,7 +232,7 @@ class CourseSpec(ManoeuvreSpec):
         try:
             record = rig.run(
                 # Twice the time of the course at constant speed: a coasting vehicle is slower.
-                _label(speed),
+                speed_label(speed),
                 driver,
                 duration=2.0 * (end - start) / speed,
                 speed=speed,
@@ -285,11 +280,6 @@ class CourseSpec(ManoeuvreSpec):
         ):
             line = Curve(label, record.x[chosen], values[chosen])
             outcome.charts.append(Chart("x", "m", label, unit, (line,)))
-
-
-def _label(speed: float) -> str:
-    """Return the name of the run at a speed [m/s], and of its folder."""
-    return f"v{speed / KMH:.2f}kmh"
 
 
 def _rough(value: float) -> str:

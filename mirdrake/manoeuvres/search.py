@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
+from mirdrake.manoeuvres.metrics.straight import KMH
+
 T = TypeVar("T")
 
 _FACTOR = 1.12
@@ -24,6 +26,24 @@ class SpeedLimit(NamedTuple, Generic[T]):
     passed: float
     failed: float
     reason: str
+
+
+def speed_label(speed: float) -> str:
+    """Return the name of the run at a speed [m/s], and of its folder."""
+    return f"v{speed / KMH:.2f}kmh"
+
+
+def once_per_label(attempt: Callable[[float], T]) -> Callable[[float], T]:
+    """Return a function that attempts one of all speeds with the same label: they are one run with one folder."""
+    tried: dict[str, T] = {}
+
+    def once(speed: float) -> T:
+        label = speed_label(speed)
+        if label not in tried:
+            tried[label] = attempt(speed)
+        return tried[label]
+
+    return once
 
 
 def find_highest(
@@ -51,13 +71,7 @@ def find_highest(
         check: range below the result in which all speeds must pass [m/s].
         step: difference of the speeds in this range [m/s].
     """
-    tried: dict[float, tuple[T | None, str]] = {}
-
-    def once(speed: float) -> tuple[T | None, str]:
-        if speed not in tried:
-            tried[speed] = attempt(speed)
-        return tried[speed]
-
+    once = once_per_label(attempt)
     limit = _bisect(once, SpeedLimit(None, math.nan, math.inf, ""), (lowest, highest), guess, resolution)
     while limit.best is not None:
         below, reason = SpeedLimit[T](None, math.nan, limit.failed, limit.reason), ""

@@ -23,7 +23,7 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
-from mirdrake.manoeuvres.search import find_highest
+from mirdrake.manoeuvres.search import find_highest, speed_label
 
 _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")
@@ -158,7 +158,7 @@ class SkidpadSpec(ManoeuvreSpec):
 
         # A driver with an integral part holds the radius without a steady error of the lane.
         record = rig.run(
-            f"v{speed / KMH:.2f}kmh",
+            speed_label(speed),
             rig.line_driver(line, speeds=speeds, integral=0.5, frequency=3.0 / facts.scale**0.5),
             duration=duration,
             speed=_APPROACH * speed,
