@@ -83,6 +83,22 @@ def test_the_fit_has_the_noise_and_the_validation_fit(lateral):
     assert fixed.split(" ", 1)[0] == str(len(lateral.parameters) - len(lateral.free))
 
 
+def test_offsets_begin_at_the_median_of_the_residuals():
+    """A bias of 0.1 rad/s is 33 times the noise: with an offset of zero all samples would be outliers."""
+    offsets = []
+    for bias in (0.0, 0.1):
+        log = lateral_log()
+        log = replace(log, channels={**log.channels, "yaw_rate": log.channels["yaw_rate"] + bias})
+        model = make_model(ModelSpec("single_track"), DataSet((log,), wheelbase=FRONT + REAR), {"mass": MASS})
+        drives, _ = make_segments(model, (log,))
+        unknowns = resolve_parameters(model.parameters, {name: Setting(fixed=value) for name, value in TRUTH.items()})
+        problem = Problem(model, drives, unknowns, initial_noise(model, drives))
+        z = problem.with_median_offsets(np.zeros(problem.size))
+        offsets.append(z[len(problem.free)] * model.offset_scale("yaw_rate"))
+        assert np.median(drives[0].outputs["yaw_rate"] - problem.traces(z)[0][0]) == pytest.approx(0.0, abs=1e-9)
+    assert offsets[1] - offsets[0] == pytest.approx(0.1, abs=0.002)
+
+
 def test_a_fit_comes_back_from_its_folder(lateral, tmp_path):
     again = load_fit(lateral.save(tmp_path / "fit"))
     assert again.parameters == lateral.parameters

@@ -120,8 +120,8 @@ def between_parts(data: DataSet, solution: Solution, options: EstimatorOptions) 
         other = replace(fixed, unknowns=problem.unknowns)
         z = other.scaled(values)
         try:
-            z[count:] = minimise(fixed, EstimatorOptions(iterations=20)).z
-        except RunError:
+            z[count:] = _fit_offsets(fixed)
+        except (RunError, FloatingPointError):
             continue
         parts += split(other, z, options.loss)
     prior = prior_information(problem)
@@ -136,6 +136,19 @@ def between_structures(solution: Solution, rivals: Sequence[Mapping[str, float]]
         others = [parameter.to_scaled(rival[parameter.info.name]) for rival in rivals if parameter.info.name in rival]
         sizes.append(float(np.sqrt(np.mean((np.array(others) - scaled) ** 2))) if others else 0.0)
     return np.array(sizes)
+
+
+def _fit_offsets(problem: Problem) -> Array:
+    """Return offsets and initial states of a problem without free parameters.
+
+    The offsets begin at the median of the residuals. From zero, an offset of several standard deviations of the noise
+    makes all samples outliers of the robust loss, whose curvature is zero there, and the fit ends before it gets there.
+
+    Raises:
+        FloatingPointError: the model diverges.
+        RunError: as FloatingPointError.
+    """
+    return minimise(problem, EstimatorOptions(), problem.with_median_offsets(np.zeros(problem.size))).z
 
 
 def _fixed(problem: Problem, values: Mapping[str, float]) -> list[FitParameter]:
@@ -300,8 +313,7 @@ def simulate_validation(
     drives = after_unknown_inputs(model, make_segments(model, (log,))[0], values)
     again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
     try:
-        z = minimise(again, EstimatorOptions(iterations=20)).z
-        return list(zip(drives, again.traces(z), strict=True))
+        return list(zip(drives, again.traces(_fit_offsets(again)), strict=True))
     except (RunError, FloatingPointError):
         return [(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives]
 

@@ -163,6 +163,24 @@ class Problem:
                 offsets[i] = z[len(self.free) + k] * self.model.offset_scale(self.model.outputs[i])
         return offsets
 
+    def with_median_offsets(self, z: Array) -> Array:
+        """Return unknowns whose offsets make the median of the residuals of each sensor of a log zero.
+
+        Raises:
+            FloatingPointError: the model diverges.
+        """
+        traces, z = self.traces(z), z.copy()
+        for k, (log, i) in enumerate(self.sensors):
+            left = [
+                (seen - trace)[i, mask[i]]
+                for trace, seen, mask, drive in zip(traces, self._measured, self.masks, self.drives, strict=True)
+                if drive.log == log
+            ]
+            away = np.concatenate(left)
+            if len(away):
+                z[len(self.free) + k] += float(np.median(away)) / self.model.offset_scale(self.model.outputs[i])
+        return z
+
     def residuals(self, z: Array) -> Array:
         """Return the residuals at given unknowns; NaN if the model diverges."""
         runs = self._run(z, derivatives=False)
