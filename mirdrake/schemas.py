@@ -104,7 +104,7 @@ def format_of(path: Path) -> str:
         heads = {entry.head: name for name, entry in KINDS.items() if entry.head}
         if not isinstance(head, str) or head not in heads:
             raise ConfigError(
-                f"{source.where('mirdrake')}: unknown format {str(head)[:60]!r}; {did_you_mean(str(head), heads)}"
+                f"unknown format {str(head)[:60]!r}; {did_you_mean(str(head), heads)}", where=source.where("mirdrake")
             )
         return heads[head]
     if path.parent.name == "variants":
@@ -118,7 +118,7 @@ def format_of(path: Path) -> str:
     fitting = [name for name, entry in KINDS.items() if entry.head and set(data) <= _keys(name)]
     if len(fitting) == 1:
         line = f"mirdrake: {KINDS[fitting[0]].head}"
-        raise ConfigError(f"{source.where('mirdrake')}: is missing; write `{line}` as its first line")
+        raise ConfigError(f"is missing; write `{line}` as its first line", where=source.where("mirdrake"))
     return "diagram"
 
 

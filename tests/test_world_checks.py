@@ -168,6 +168,8 @@ def test_props_on_top_and_allowed_overlaps_are_not_reported() -> None:
     """
     assert [fault.names for fault in check(world)] == [("base", "side")]
     assert check(world + "rules:\n      - {allow_overlap: [base, 'si*']}\n") == []
+    misspelt, _ = check(world + "rules:\n      - {allow_overlap: [base, 'so*']}\n")
+    assert (misspelt.kind, "no prop is called 'so*'" in misspelt.text) == ("rule", True)
 
 
 def test_every_pair_is_reported_by_its_collision_shapes() -> None:
@@ -813,9 +815,40 @@ WAITS = """
 """
 
 
-@pytest.mark.parametrize("name", ["ego", "walker", "leader"])
-def test_conditions_may_name_the_vehicles_of_the_tests_and_the_actors(name: str) -> None:
-    assert check(WALKER.replace("CONDITION", f"{name} within 8 m") + WAITS) == []
+@pytest.mark.parametrize("condition", ["ego within 8 m", "leader within 3 s", "walker past main@60", "speed > 0 m/s"])
+def test_conditions_may_name_the_vehicles_of_the_tests_and_the_actors(condition: str) -> None:
+    assert check(WALKER.replace("CONDITION", condition) + WAITS) == []
+
+
+@pytest.mark.parametrize(
+    ("condition", "message"),
+    [
+        ("walker within 8 m", "'walker' is always at its own place"),  # would fire at once
+        ("ego past main@61", "s = 61 m; the track is 60 m long"),  # would never fire
+        ("ego past mian@8", "unknown track 'mian'; did you mean 'main'?"),
+        ("ego within 0 m", "0; it must be above 0"),
+        ("gap < -1 m", "-1; it must be above 0"),
+        ("gap > -1 m", "-1; it must be 0 or more"),
+        # A parameter has no unit: whether it is a distance or a time is written behind it.
+        ("ego within $time", "4.0 has no unit"),
+    ],
+)
+def test_a_condition_that_holds_always_or_never_is_a_fault(condition: str, message: str) -> None:
+    (fault,) = check(WALKER.replace("CONDITION", condition) + "\n    params: {time: 4 s}\n")
+    assert fault.kind == "file"
+    assert fault.text.startswith(f"w.yaml:5: actors.0.starts.when: {message}")
+
+
+def test_an_actor_with_the_name_of_a_vehicle_of_a_test_is_a_fault() -> None:
+    text = (WALKER.replace("CONDITION", "speed > 0 m/s") + WAITS).replace("walker", "leader")
+    (fault,) = check(text)
+    assert fault.kind == "test"
+    assert fault.text.startswith("w.yaml:5: actors.0.name: 'leader' is the name of a vehicle of the test 'waits'")
+
+
+def test_a_gate_behind_the_end_of_its_track_is_a_fault() -> None:
+    (fault,) = check("tracks: {main: {segments: [{line: 60}]}}\ngoals: {end: {gate: {track: main, s: 61}}}\n")
+    assert fault.text == "w.yaml:3: goals.end.gate.s: s = 61 m; the track is 60 m long"
 
 
 def test_a_condition_on_a_vehicle_that_a_test_does_not_have_is_a_fault() -> None:
@@ -833,12 +866,6 @@ def test_without_tests_a_condition_may_name_a_vehicle_of_a_diagram() -> None:
     assert line.startswith("w.yaml:5: ")
     assert "no actor is called 'scout'" in line
     assert examine(write(text.replace("scout", "ego"))).remarks == []
-
-
-def test_a_condition_on_an_unknown_track_is_a_fault() -> None:
-    (fault,) = check(WALKER.replace("CONDITION", "ego past mian@8"))
-    assert (fault.kind, fault.text.split(": ")[0]) == ("file", "w.yaml:5")
-    assert "did you mean 'main'?" in fault.text
 
 
 # --- drivers of tests ---------------------------------------------------------------------------------------------

@@ -166,8 +166,9 @@ def check_path(actor: FullActor, world: World, radius: float) -> None:
     tightest = 1.0 / max(float(np.abs(world.lanes[actor.lane].curvature).max()), 1e-9)
     if actor.spec.path is not None and tightest < radius:
         raise ConfigError(
-            f"{where(actor.spec, 'path')}: bends of {tightest:.1f} m radius; the smallest radius of {actor.model} is "
-            f"{radius:.2f} m; give a larger radius"
+            f"bends of {tightest:.1f} m radius; the smallest radius of {actor.model} is "
+            f"{radius:.2f} m; give a larger radius",
+            where=where(actor.spec, "path"),
         )
 
 
@@ -372,10 +373,10 @@ def _trigger(trigger: Trigger, world: World, objects: Mapping[str, int]) -> list
     if condition.of is not None:
         if condition.of not in objects:
             hint = did_you_mean(condition.of, objects)
-            raise ConfigError(f"{where(trigger, 'when')}: there is no vehicle or actor '{condition.of}'; {hint}")
+            raise ConfigError(f"there is no vehicle or actor '{condition.of}'; {hint}", where=where(trigger, "when"))
         subject = float(objects[condition.of])
     if condition.track is not None:
-        track = world.track(condition.track, where=where(trigger, "when"))
+        track = world.tracks[condition.track]
         # A line across the whole road, with a tolerance for vehicles that pass beside it.
         half = _GATE + max(float(track.left_width(condition.value)), float(track.right_width(condition.value)))
         gate = [*track.pose_at(condition.value), half]

@@ -196,7 +196,7 @@ def make_block(
         return make_user_system(kind, parameters, where=where, folder=folder, locate=lambda name: source.where(name))
     if kind not in BLOCKS:
         words = did_you_mean(kind, BLOCKS)
-        raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")
+        raise ConfigError(f"unknown kind '{kind}'; {words}, or a class of your own as module:Class", where=where)
     spec = validate(dict(parameters), BLOCKS[kind], source)
     try:
         system: System = spec.make()  # type: ignore[attr-defined]

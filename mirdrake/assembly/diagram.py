@@ -156,13 +156,15 @@ class Assembly:
         if undriven:
             vehicle = undriven[0].partition(".")[0]
             raise ConfigError(
-                f"{where(self.spec, 'control')}: '{vehicle}' has no driver (open inputs: {', '.join(names)}); "
-                f"add control.{vehicle}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them"
+                f"'{vehicle}' has no driver (open inputs: {', '.join(names)}); "
+                f"add control.{vehicle}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them",
+                where=where(self.spec, "control"),
             )
         if names:
             raise ConfigError(
-                f"{where(self.spec, 'connect')}: nothing is connected in place of a disabled block: "
-                f"{', '.join(names)}; add [<output>, {names[0]}] to connect"
+                "nothing is connected in place of a disabled block: "
+                f"{', '.join(names)}; add [<output>, {names[0]}] to connect",
+                where=where(self.spec, "connect"),
             )
 
     def steps_in(self, time: float) -> int:
@@ -270,17 +272,17 @@ def assemble(
     for key in ("control", "sensors"):
         for name in getattr(spec, key):
             if name not in vehicles:
-                raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
+                raise ConfigError(f"no vehicle '{name}'; {did_you_mean(name, vehicles)}", where=where(spec, key, name))
             if key == "control" and name not in spec.vehicles:
                 raise ConfigError(
-                    f"{where(spec, key, name)}: '{name}' is an actor of the world, which moves by its behaviour"
+                    f"'{name}' is an actor of the world, which moves by its behaviour", where=where(spec, key, name)
                 )
     # A name with dots is that of a block of a control unit.
     for name in spec.systems:
         vehicle, dot, _ = name.partition(".")
         if dot and vehicle not in vehicles:
             place, hint = where(spec, "systems", name), did_you_mean(vehicle, vehicles)
-            raise ConfigError(f"{place}: no vehicle '{vehicle}', of which a block is replaced; {hint}")
+            raise ConfigError(f"no vehicle '{vehicle}', of which a block is replaced; {hint}", where=place)
     check_sensors(spec, vehicles)
 
     continuous = continuous and not interrupting_event(spec, scene, factories)
@@ -333,7 +335,7 @@ def assemble(
     try:
         diagram = builder.Build()
     except RuntimeError as error:
-        raise DiagramError(f"{where(spec, 'connect')}: {_build_fault(error)}") from None
+        raise DiagramError(_build_fault(error), where=where(spec, "connect")) from None
     diagram.set_name(spec.name)
     cameras = {
         f"{vehicle}.{sensor}": (wiring.systems[f"{vehicle}.{sensor}"], vehicle)

@@ -123,11 +123,13 @@ def make_scene(spec: DiagramSpec, vehicles: Mapping[str, Vehicle] | None = None)
     """
     world = spec.world.load(where=where(spec, "world"))
     loaded = dict(vehicles or {name: load_vehicle_of(spec, name) for name in spec.vehicles})
-    for actor in world.full_actors:
+    for actor in world.moving:
         if actor.name in spec.vehicles:
             raise ConfigError(
-                f"{where(actor.spec, 'name')}: '{actor.name}' is the name of a vehicle of the diagram; rename the actor"
+                f"'{actor.name}' is the name of a vehicle of the diagram; rename the actor",
+                where=where(actor.spec, "name"),
             )
+    for actor in world.full_actors:
         loaded[actor.name] = load_vehicle(actor.model, where=where(actor.spec, "actor"))
     return Scene(world, loaded)
 
@@ -199,18 +201,18 @@ def read_scene(folder: Path) -> Scene:
     path = folder / FOLDER / FILE
     if not path.is_file():
         raise RunError(
-            f"{folder}: carries no scene (no file {FOLDER}/{FILE}), so it cannot be drawn; run its spec.yaml again"
+            f"carries no scene (no file {FOLDER}/{FILE}), so it cannot be drawn; run its spec.yaml again", where=folder
         )
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         # A run folder may come from another version of mirdrake.
         if data["mirdrake"] != FORMAT:
-            raise RunError(f"{display_path(path)}: format {data['mirdrake']!r} is not known; known: {FORMAT}")
+            raise RunError(f"format {data['mirdrake']!r} is not known; known: {FORMAT}", where=display_path(path))
         return _read(data, path.parent)
     except MirdrakeError:
         raise
     except _DAMAGE as error:
-        raise RunError(f"{display_path(path)}: damaged: {one_line(error)[:200]}") from None
+        raise RunError(f"damaged: {one_line(error)[:200]}", where=display_path(path)) from None
 
 
 def changed_files(scene: Scene, folder: Path) -> list[str]:

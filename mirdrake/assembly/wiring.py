@@ -66,7 +66,7 @@ class Wiring:
         """Add a system under a name; the ports of a user system are named ``name.port``."""
         if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
             place = where(self.spec, "systems", name)
-            raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
+            raise ConfigError(f"the name '{name}' is taken; choose another", where=place)
         system.set_name(name)
         self.builder.AddSystem(system)
         self.systems[name] = system
@@ -93,7 +93,9 @@ class Wiring:
             )
             other = port if other is None and wanted is not None and port in taken else other
             if other is not None:
-                raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[other]}'; remove one of the two")
+                raise ConfigError(
+                    f"input '{sink}' is already fed by '{taken[other]}'; remove one of the two", where=place
+                )
             self._check(source, (output, given), sink, (port, wanted), place)
             taken[sink] = source
         # A default is skipped as soon as the user feeds any part of the port; the first default of an input wins.
@@ -141,13 +143,13 @@ class Wiring:
             if element in names:
                 return port, element
             if not names:
-                raise ConfigError(f"{place}: the elements of '{port}' have no names; connect the whole port")
+                raise ConfigError(f"the elements of '{port}' have no names; connect the whole port", where=place)
             listed = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents)
-            raise ConfigError(f"{place}: '{port}' has no element '{element}'; its elements: {listed}")
+            raise ConfigError(f"'{port}' has no element '{element}'; its elements: {listed}", where=place)
         # The reversed pair [input, output] is a frequent mistake and gets its own message.
         if _port_of(name, others):
             other = {"output": "an input", "input": "an output"}[kind]
-            raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
+            raise ConfigError(f"'{name}' is {other}; {advice}", where=place)
 
         # A sensor has ports only if the diagram uses it.
         vehicle, _, rest = name.partition(".")
@@ -155,7 +157,7 @@ class Wiring:
         if kind == "output" and sensor in self.mounted.get(vehicle, ()) and sensor not in used:
             line = f"sensors: {{{vehicle}: [{', '.join([*used, sensor])}]}}"
             raise ConfigError(
-                f"{place}: unknown output '{name}': the sensor '{sensor}' is mounted but not in use; write `{line}`"
+                f"unknown output '{name}': the sensor '{sensor}' is mounted but not in use; write `{line}`", where=place
             )
 
         # Unknown name: list the ports of the longest beginning that exists, and the nearest name.
@@ -165,7 +167,7 @@ class Wiring:
         others_of_ports = [alias for alias, full in self.aliases.items() if _port_of(full, ports)]
         near = get_close_matches(name, [*ports, *others_of_ports], n=1) if own else []
         hint = f"; did you mean '{near[0]}'?" if near else f"; {did_you_mean(name, ports)}" if not own else ""
-        raise ConfigError(f"{place}: unknown {kind} '{name}'{hint}{listed}")
+        raise ConfigError(f"unknown {kind} '{name}'{hint}{listed}", where=place)
 
     def _nearest_owner(self, name: str, ports: Mapping[str, Any]) -> tuple[str, list[str]]:
         """Return the longest beginning of a name that has ports, and these without those of inner blocks."""
@@ -208,7 +210,7 @@ class Wiring:
         # Elements of a source without names cannot be taken one by one.
         if missing and not known:
             raise ConfigError(
-                f"{where(self.spec, 'connect')}: input '{name}' has no value for {', '.join(missing)}; connect them"
+                f"input '{name}' has no value for {', '.join(missing)}; connect them", where=where(self.spec, "connect")
             )
         join = self.builder.AddNamedSystem(f"{name}.elements", Multiplexer(len(names)))
         self.systems[f"{name}.elements"] = join
@@ -233,7 +235,7 @@ class Wiring:
         if port.get_data_type() != taking.get_data_type():
             kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
             given, taken = kinds[port.get_data_type()], kinds[taking.get_data_type()]
-            raise ConfigError(f"{place}: '{source}' gives {given}, '{sink}' takes {taken}")
+            raise ConfigError(f"'{source}' gives {given}, '{sink}' takes {taken}", where=place)
         if port.get_data_type() == PortDataType.kAbstractValued:
             _check_images(source, port, sink, taking, place)
         if port.get_data_type() == PortDataType.kVectorValued and size != taken_size:
@@ -241,12 +243,13 @@ class Wiring:
             if taken_size == 1 and contents:
                 hint = f"; connect one of them, as '{source}.{contents[0].name}'"
             count = "1 element" if size == 1 else f"{size} elements"
-            raise ConfigError(f"{place}: '{source}' has {count}, '{sink}' takes {taken_size}{hint}")
+            raise ConfigError(f"'{source}' has {count}, '{sink}' takes {taken_size}{hint}", where=place)
         # Units are compared only where both sides state one; lengths may differ for ports without names.
         for have, want in zip(contents or (), wanted or (), strict=False):
             if have.unit != want.unit and have.unit and want.unit:
                 raise ConfigError(
-                    f"{place}: '{source}' gives {have.name} in {have.unit}, '{sink}' takes {want.name} in {want.unit}"
+                    f"'{source}' gives {have.name} in {have.unit}, '{sink}' takes {want.name} in {want.unit}",
+                    where=place,
                 )
 
     def export(self, parts: PlantParts) -> tuple[str, ...]:
@@ -272,7 +275,8 @@ class Wiring:
                 names = sorted(name for name in self.sources if ".control." not in name)
                 choices = ", ".join(names[:MOST_PORTS] + (["…"] if len(names) > MOST_PORTS else []))
                 raise ConfigError(
-                    f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})"
+                    f"input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})",
+                    where=place,
                 )
         return tuple(
             source for source in self.sources if source.split(".")[0] in self.spec.systems and source not in self.read
@@ -296,13 +300,14 @@ def _check_images(source: str, port: OutputPort, sink: str, taking: InputPort, p
     if not (hasattr(wanted, "width") and hasattr(wanted, "height")):
         return
     if type(given) is not type(wanted):
-        raise ConfigError(f"{place}: '{source}' gives {_noun(given)}, '{sink}' takes {_noun(wanted)}")
+        raise ConfigError(f"'{source}' gives {_noun(given)}, '{sink}' takes {_noun(wanted)}", where=place)
     have, want = (given.width(), given.height()), (wanted.width(), wanted.height())
     # Pictures of size zero: an input that takes every size.
     if want != (0, 0) and have != want:
         raise ConfigError(
-            f"{place}: '{source}' gives pictures of {have[0]} x {have[1]} pixels, '{sink}' takes {want[0]} x "
-            f"{want[1]}; set width and height of the camera under vehicles.<name>.mounts"
+            f"'{source}' gives pictures of {have[0]} x {have[1]} pixels, '{sink}' takes {want[0]} x "
+            f"{want[1]}; set width and height of the camera under vehicles.<name>.mounts",
+            where=place,
         )
 
 

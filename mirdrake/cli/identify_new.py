@@ -41,14 +41,14 @@ def run(options: argparse.Namespace) -> int:
     log: Path = options.log
     out: Path = options.out or log.with_suffix(".yaml")
     if out.exists() and not options.force:
-        raise ConfigError(f"{display_path(out)}: exists already; give --out FILE.yaml, or --force to replace it")
+        raise ConfigError("exists already; give --out FILE.yaml, or --force to replace it", where=display_path(out))
     proposal = propose_data(log)
     if not proposal.channels:
         names = ", ".join(other.column for other in proposal.others[:20])
         known = "no column has a known name; map them with --map of identify check"
         if any(note.startswith("has no header") for note in proposal.notes):
             known = "has no header; map its columns by their numbers from 1 with --map of identify check"
-        raise ConfigError(f"{display_path(log)}: {known}: {names}")
+        raise ConfigError(f"{known}: {names}", where=display_path(log))
     # A data file names its logs relative to its own folder.
     text = proposal_text(proposal, os.path.relpath(log.resolve(), out.resolve().parent))
     write_file(out, text.encode())

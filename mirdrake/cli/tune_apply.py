@@ -55,8 +55,9 @@ def run(options: argparse.Namespace) -> int:
     before, after = (printed(cost) for cost in compared.cost(result.cost))
     if not after < before and not options.force:
         raise ConfigError(
-            f"{display_path(change.path)}: the present gains are not worse on the test manoeuvre of the study (cost "
-            f"{before:.4g}, with the new gains {after:.4g}); --force writes them"
+            "the present gains are not worse on the test manoeuvre of the study (cost "
+            f"{before:.4g}, with the new gains {after:.4g}); --force writes them",
+            where=display_path(change.path),
         )
     print(change.diff(), end="")
     if options.dry_run:

@@ -86,7 +86,7 @@ def _picture_times(table: Table) -> NDArray[np.float64]:
             times.append(picture_time(str(name)))
         except ValueError:
             raise ConfigError(
-                f"{table.row(row)}: '{name}' is not the name of a picture, YYYY-mm-dd-HH-MM-SS-ffffff.jpg"
+                f"'{name}' is not the name of a picture, YYYY-mm-dd-HH-MM-SS-ffffff.jpg", where=table.row(row)
             ) from None
     # Driving logs have dates; a schedule begins at zero.
     return np.array(times) - times[0]
@@ -106,7 +106,7 @@ def _find_column(table: Table, key: str, vehicle: str | None) -> str:
         return of_vehicles[0]
     others = [name for name in names[1:] if "." not in name]
     raise ConfigError(
-        f"{table.name}: no column '{key}' (or {', '.join(others)}); there are: {', '.join(table.names[:12])}"
+        f"no column '{key}' (or {', '.join(others)}); there are: {', '.join(table.names[:12])}", where=table.name
     )
 
 
@@ -119,14 +119,14 @@ def _numbers(table: Table, key: str, column: str) -> NDArray[np.float64]:
     try:
         factor = unit_factor(table.units[column], _UNITS[key]) if table.units.get(column) else 1.0
     except ValueError as error:
-        raise ConfigError(f"{table.name}: {key}: {error}") from None
+        raise ConfigError(f"{key}: {error}", where=table.name) from None
     values = table.numbers(column, table.name) * factor
     # Written so that NaN is out of range, too.
     for row in np.flatnonzero(~(np.abs(values) < _LIMITS[key])).tolist()[:1]:
         if math.isnan(values[row]):
-            raise ConfigError(f"{table.row(row)}: {key}: a finite number is missing")
+            raise ConfigError(f"{key}: a finite number is missing", where=table.row(row))
         raise ConfigError(
-            f"{table.row(row)}: {key}: {values[row]:g} {_UNITS[key]} is out of range (below ±{_LIMITS[key]:.4g})"
+            f"{key}: {values[row]:g} {_UNITS[key]} is out of range (below ±{_LIMITS[key]:.4g})", where=table.row(row)
         )
     return values
 
@@ -136,8 +136,8 @@ def _rows(table: Table, columns: dict[str, NDArray[np.float64]]) -> tuple[Row, .
     times: Sequence[float] = columns["time"].tolist()
     for row in np.flatnonzero(np.diff(times) <= 0.0).tolist()[:1]:
         raise ConfigError(
-            f"{table.row(row + 1)}: time {times[row + 1]:g} s is not later than the time of the row before, "
-            f"{times[row]:g} s"
+            f"time {times[row + 1]:g} s is not later than the time of the row before, {times[row]:g} s",
+            where=table.row(row + 1),
         )
     return tuple(zip(times, columns["speed"].tolist(), columns["steering"].tolist(), strict=True))
 
@@ -154,7 +154,7 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
         vehicle = drivers[0]  # it may have another name in the other diagram
     if vehicle is None or vehicle not in drivers:
         hint = did_you_mean(vehicle, drivers) if drivers else "no vehicle has a driver"
-        raise ConfigError(f"{display_path(folder)}: no commands of '{vehicle}' were recorded; {hint}")
+        raise ConfigError(f"no commands of '{vehicle}' were recorded; {hint}", where=display_path(folder))
     names = ("time", f"{vehicle}.speed_command", f"{vehicle}.steering_command")
     columns = [table.numbers(name, table.name).tolist() for name in names]
     rows: list[Row] = list(zip(*columns, strict=True))

@@ -86,8 +86,9 @@ class OwnDriverSpec(Driver):
         if not driver.HasOutputPort("command") or driver.GetOutputPort("command").size() != len(COMMAND):
             ports = [driver.get_output_port(number).get_name() for number in range(driver.num_output_ports())]
             raise ConfigError(
-                f"{where}: {self.kind} is not a driver: it needs an output port 'command' of 3 elements (speed m/s, "
-                f"steering rad, stamp s); its output ports are {', '.join(ports) or 'none'}"
+                f"{self.kind} is not a driver: it needs an output port 'command' of 3 elements (speed m/s, "
+                f"steering rad, stamp s); its output ports are {', '.join(ports) or 'none'}",
+                where=where,
             )
         return driver
 

@@ -159,7 +159,7 @@ class CaccSpec(AccSpec):
         """
         if whole_periods(self.delay, self.period) is None:
             place = self.place("delay", where)
-            raise ConfigError(f"{place}: {self.delay:g} s is not a multiple of the period, {self.period:g} s")
+            raise ConfigError(f"{self.delay:g} s is not a multiple of the period, {self.period:g} s", where=place)
         return super().make_system(vehicle, world, where=where, folder=folder)
 
     def is_lost(self, number: int) -> bool:

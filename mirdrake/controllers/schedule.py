@@ -213,7 +213,7 @@ class ScheduleSpec(Driver):
         try:
             schedule = self.schedule()
         except ConfigError as error:
-            raise ConfigError(f"{self.place('file', where)}: {error}") from None
+            raise ConfigError(str(error), where=self.place("file", where)) from None
         return CommandSchedule(schedule, period=self.period or (0.02 if self.file is None else 0.001))
 
     def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002

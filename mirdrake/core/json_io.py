@@ -75,6 +75,6 @@ def read_record(kind: type[_Record], data: object, place: str) -> _Record:
         fault = error.errors()[0]
         key = ".".join(str(part) for part in fault["loc"])[:80]
         message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
-        raise ConfigError(f"{place}: {key}: {message}; run the study again") from None
+        raise ConfigError(f"{key}: {message}; run the study again", where=place) from None
     except ConfigError as error:  # a value that a class does not allow
-        raise ConfigError(f"{place}: {error}; run the study again") from None
+        raise ConfigError(f"{error}; run the study again", where=place) from None

@@ -45,7 +45,7 @@ def make_user_system(
         for name in arguments:
             if name not in allowed:
                 known = [own for own in allowed if own not in offered]
-                raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, known)}")
+                raise ConfigError(f"{kind} has no parameter '{name}'; {did_you_mean(name, known)}", where=where)
     # Code would use the text in a computation and fail in the middle of a run.
     for argument in named:
         value = arguments.get(argument.name)
@@ -127,7 +127,7 @@ def construct(factory: Callable[[], System], kind: str, *, where: str) -> System
         text = lines[0] if lines else ""
         if len(lines) > 1 and "incompatible constructor arguments" in text:  # of pydrake: the first signature
             text = f"its arguments do not fit {lines[1].removeprefix('1. ').split('.')[-1]}"
-        raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
+        raise ConfigError(f"{kind} cannot be made: {type(error).__name__}: {text}", where=where) from None
 
 
 def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
@@ -143,6 +143,6 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
         own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
         classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
         raise ConfigError(
-            f"{where}: '{class_name}' is not a Drake system in {module_name}; {did_you_mean(class_name, classes)}"
+            f"'{class_name}' is not a Drake system in {module_name}; {did_you_mean(class_name, classes)}", where=where
         )
     return maker

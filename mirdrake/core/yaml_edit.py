@@ -194,7 +194,7 @@ def verified(text: str, changed: str, wanted: Any, name: str, path: Sequence[str
 def reject(text: str, name: str, path: Sequence[str], problem: str) -> NoReturn:
     """Raise an error at a path of a text."""
     data, source = parse_tree(text, name)
-    raise ConfigError(f"{source.where(*_typed(data, path))}: {problem}")
+    raise ConfigError(problem, where=source.where(*_typed(data, path)))
 
 
 def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
@@ -230,7 +230,7 @@ class _Editor:
         """
         keys, value = self.edit.keys, self.edit.value
         if not keys or not all(keys):
-            raise ConfigError(f"{self.name}: '{dotted(keys)}' is not a path such as speed.kp")
+            raise ConfigError(f"'{dotted(keys)}' is not a path such as speed.kp", where=self.name)
         before = value_at(self.data, keys)
         wanted, text = self.data, self.text
         # An equal value leaves the text as it is, even if it is written differently (1.0 and 1).

@@ -123,11 +123,11 @@ class Document:
             RunError: the file is open in another editor, was changed by another program, or cannot be written.
         """
         if self.read_only:
-            raise RunError(f"{self.name}: {self.read_only}")
+            raise RunError(self.read_only, where=self.name)
         if not overwrite and self.is_new and self.path.exists():
-            raise RunError(f"{self.name}: another program has made this file; reload it or overwrite it")
+            raise RunError("another program has made this file; reload it or overwrite it", where=self.name)
         if not overwrite and self.changed_outside():
-            raise RunError(f"{self.name}: another program has changed this file; reload it or overwrite it")
+            raise RunError("another program has changed this file; reload it or overwrite it", where=self.name)
         # write_file replaces the file by a new one, which would lose the permissions of the old.
         mode = self.path.stat().st_mode if self.path.exists() else None
         write_file(self.path, self.text.encode())
@@ -221,6 +221,6 @@ def _read(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
-        raise ConfigError(f"{display_path(path)}: not UTF-8; save it as UTF-8") from None
+        raise ConfigError("not UTF-8; save it as UTF-8", where=display_path(path)) from None
     except OSError as error:
-        raise ConfigError(f"{display_path(path)}: cannot be read: {error.strerror}") from None
+        raise ConfigError(f"cannot be read: {error.strerror}", where=display_path(path)) from None

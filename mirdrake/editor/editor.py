@@ -329,6 +329,6 @@ def world_path(name: str) -> Path:
     is_path = path.suffix in {".yaml", ".yml"}
     if is_path and not path.exists():
         if not path.parent.is_dir():
-            raise ConfigError(f"{name}: the folder '{path.parent}' does not exist; create it first")
+            raise ConfigError(f"the folder '{path.parent}' does not exist; create it first", where=name)
         return path.resolve()
     return path.resolve() if is_path else find("worlds", name)

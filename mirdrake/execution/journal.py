@@ -91,7 +91,9 @@ class Journal:
                 purpose, expected = lines.pop(0)["purpose"], self._header[0]["purpose"]
                 names = sorted(name for name in {*purpose, *expected} if purpose.get(name) != expected.get(name))
             if names:
-                raise RunError(f"{self.file}: was begun for another purpose ({', '.join(names)}); choose another file")
+                raise RunError(
+                    f"was begun for another purpose ({', '.join(names)}); choose another file", where=self.file
+                )
         with read_errors(self.file):
             self.records = {entry.pop(self._key): entry for entry in lines}
 

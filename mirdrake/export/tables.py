@@ -66,5 +66,5 @@ def _rows(table: Path) -> Iterator[list[str]]:
 
 def _table_of(run: Run) -> Path:
     if run.folder is None or not stored(run.folder / SIGNALS):
-        raise RunError(f"{run.folder}: no signals were recorded; there is nothing to export")
+        raise RunError("no signals were recorded; there is nothing to export", where=run.folder)
     return run.folder / SIGNALS

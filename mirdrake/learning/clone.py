@@ -163,17 +163,17 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
     car = Car(spec.vehicle, spec.camera)
     if car.vehicle not in diagram["vehicles"]:
         hint = did_you_mean(car.vehicle, diagram["vehicles"])
-        raise ConfigError(f"{where(spec, 'vehicle')}: the diagram has no vehicle '{car.vehicle}'; {hint}")
+        raise ConfigError(f"the diagram has no vehicle '{car.vehicle}'; {hint}", where=where(spec, "vehicle"))
     if car.vehicle not in diagram.get("control", {}):
         raise ConfigError(
-            f"{where(spec, 'diagram')}: '{car.vehicle}' has no driver, so there is no expert to learn from"
+            f"'{car.vehicle}' has no driver, so there is no expert to learn from", where=where(spec, "diagram")
         )
     # Before anything is driven: training would raise the error only after all runs of the expert.
     if spec.train.mirror:
         try:
             mirror_signs([f"{car.vehicle}.{name}" for name in spec.inputs])
         except ConfigError as error:
-            raise ConfigError(f"{where(spec, 'inputs')}: {error}") from None
+            raise ConfigError(str(error), where=where(spec, "inputs")) from None
     own = diagram["world"]
     worlds = _labelled(spec.worlds) or _labelled([own])
     judged = _labelled(spec.drive.worlds) or _labelled([own])
@@ -208,18 +208,18 @@ def _check_world(spec: LearningSpec, diagram: Json, car: Car, world: Any, key: s
         # Every world is laid out before the first run: a fault in the last one would otherwise show after hours.
         scene = make_scene(make_spec({**diagram, "world": _entry(world)}))
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, key)}: {first_line(error).removeprefix('diagram: ')}") from None
+        raise ConfigError(first_line(error).removeprefix("diagram: "), where=where(spec, key)) from None
     mounts = scene.vehicles[car.vehicle].sensors.mounts
     mount = mounts.get(car.camera)
     if not isinstance(mount, PictureMount):
         cameras = [name for name, entry in mounts.items() if entry.takes_pictures]
         hint = did_you_mean(car.camera, cameras)
-        raise ConfigError(f"{where(spec, 'camera')}: {car.vehicle} has no camera '{car.camera}'; {hint}")
+        raise ConfigError(f"{car.vehicle} has no camera '{car.camera}'; {hint}", where=where(spec, "camera"))
     try:
         preparation = Preparation(mount.width, mount.height, spec.picture.crop, spec.picture.size)
         Architecture(*preparation.shape).features()
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, 'picture')}: {error}") from None
+        raise ConfigError(str(error), where=where(spec, "picture")) from None
 
 
 def _delay(setup: _Setup) -> Json:
@@ -318,7 +318,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
     with read_errors(file):
         # Drives of a continued study must be those of the network that the journal describes.
         if digest(file.read_bytes()) != record["sha256"]:
-            raise ConfigError(f"{file}: has changed since it was trained; choose another folder with --out")
+            raise ConfigError("has changed since it was trained; choose another folder with --out", where=file)
     drives = {
         label: _network_run(setup, f"drive-{number}-{label}", number, world, spec.drive.laps)
         for label, world in setup.judged.items()

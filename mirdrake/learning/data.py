@@ -269,19 +269,20 @@ def _pairs(
     place = str(run.folder or "run")
     if image not in run.pictures:
         recorded = ", ".join(sorted(run.pictures)) or "none; set record: {cameras: true}"
-        raise ConfigError(f"{place}: no pictures of '{image}'; cameras with pictures: {recorded}")
+        raise ConfigError(f"no pictures of '{image}'; cameras with pictures: {recorded}", where=place)
     pictures = run.pictures[image]
     signals = run.signals
     for name in (*labels, *inputs):
         if name not in signals:
-            raise ConfigError(f"{place}: no signal '{name}'; {did_you_mean(name, map(str, signals.columns))}")
+            raise ConfigError(f"no signal '{name}'; {did_you_mean(name, map(str, signals.columns))}", where=place)
     # A second of tolerance: the last picture may be exposed after the last sample of the signals.
     times = np.array([picture.time for picture in pictures])
     end = float(signals.index[-1]) if len(signals) else -1.0
     if times.max(initial=end) > end + 1.0:
         raise ConfigError(
-            f"{place}: the driving log does not match the signals: its last picture is of {times.max():g} s, "
-            f"the last sample of {end:g} s"
+            f"the driving log does not match the signals: its last picture is of {times.max():g} s, "
+            f"the last sample of {end:g} s",
+            where=place,
         )
     missing = next((picture.path for picture in pictures if not picture.path.is_file()), None)
     if missing is not None:

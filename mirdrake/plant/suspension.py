@@ -98,9 +98,10 @@ def make_bump_stops(plant: MultibodyPlant, part: VehicleInPlant) -> Diagram | No
         if part.period * math.sqrt(stop.stiffness / unsprung) > MAX_STOP_RATE:
             limit = unsprung * (MAX_STOP_RATE / part.period) ** 2
             raise ConfigError(
-                f"{where(spec, 'suspension')}: the bump stop of {stop.stiffness:g} N/m is too stiff for "
+                f"the bump stop of {stop.stiffness:g} N/m is too stiff for "
                 f"{unsprung:.3g} kg of unsprung mass and steps of {part.period:g} s; at most {limit:.3g} N/m, or "
-                "smaller steps"
+                "smaller steps",
+                where=where(spec, "suspension"),
             )
     builder = DiagramBuilder()
     # Travel beyond the stop; C++ blocks, because they are evaluated in each step.

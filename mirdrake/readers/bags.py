@@ -60,8 +60,8 @@ def read_bag(request: Request) -> Table:
         if not columns:
             topics = ", ".join(sorted(bag.topics)[:10]) + (" …" if len(bag.topics) > 10 else "")
             raise ConfigError(
-                f"{display_path(path)}: no column of a topic is named, for example /odom:twist.twist.linear.x; "
-                f"topics: {topics or 'none'}"
+                f"no column of a topic is named, for example /odom:twist.twist.linear.x; topics: {topics or 'none'}",
+                where=display_path(path),
             )
         places = {name: _split(path, name, bag.topics) for name in columns}
         rows = _collect(path, bag, places)
@@ -116,7 +116,7 @@ def list_topics(path: Path) -> list[Topic]:
             except MissingDependencyError:
                 raise
             except Exception as error:
-                raise ConfigError(f"{display_path(path)}: {name}: cannot be read: {_one_line(error)}") from None
+                raise ConfigError(f"{name}: cannot be read: {_one_line(error)}", where=display_path(path)) from None
             topics.append(Topic(name, kind, tuple(_numeric_fields(first))))
     return topics
 
@@ -148,7 +148,7 @@ def _open(path: Path, stack: ExitStack) -> Bag:
         own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=own))
     except Exception as error:  # the readers raise errors of many kinds on damaged files
-        raise ConfigError(f"{display_path(path)}: is not a bag, or is damaged: {_one_line(error)}") from None
+        raise ConfigError(f"is not a bag, or is damaged: {_one_line(error)}", where=display_path(path)) from None
 
     def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
         chosen = [link for link in reader.connections if link.topic in topics]
@@ -170,7 +170,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
         summary = reader.get_summary()
         channels = list(summary.channels.values()) if summary else []
     except Exception as error:
-        raise ConfigError(f"{display_path(path)}: is not an MCAP file, or is damaged: {_one_line(error)}") from None
+        raise ConfigError(f"is not an MCAP file, or is damaged: {_one_line(error)}", where=display_path(path)) from None
     if not channels or any(channel.message_encoding not in {"json", "protobuf"} for channel in channels):
         return None
     schemas = {link.topic: summary.schemas.get(link.schema_id) for link in channels}
@@ -206,7 +206,7 @@ def _split(path: Path, column: str, topics: Mapping[str, str]) -> tuple[str, tup
     fitting = [topic for topic in topics if name.startswith(topic) and name[len(topic) : len(topic) + 1] in set(":./")]
     if not fitting:
         near = name.split(":")[0]
-        raise ConfigError(f"{display_path(path)}: no topic of '{column}'; {did_you_mean(near, sorted(topics))}")
+        raise ConfigError(f"no topic of '{column}'; {did_you_mean(near, sorted(topics))}", where=display_path(path))
     topic = max(fitting, key=len)
     return topic, tuple(name[len(topic) + 1 :].replace("/", ".").replace("[", ".").replace("]", "").split("."))
 
@@ -231,11 +231,11 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
     except (ConfigError, MissingDependencyError):
         raise
     except Exception as error:
-        raise ConfigError(f"{display_path(path)}: cannot be read: {_one_line(error)}") from None
+        raise ConfigError(f"cannot be read: {_one_line(error)}", where=display_path(path)) from None
     for topic in topics:
         if len(times[topic]) < 2:
             raise ConfigError(
-                f"{display_path(path)}: {topic} has {plural(len(times[topic]), 'message')}; at least 2 are needed"
+                f"{topic} has {plural(len(times[topic]), 'message')}; at least 2 are needed", where=display_path(path)
             )
     # Messages without stamps among others would mix two clocks: stamps count only if all have one.
     return {
@@ -274,11 +274,13 @@ def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
             if isinstance(item, Mapping) and key in item:  # JSON's null
                 return np.nan
             parent = ".".join(keys[:depth]) or "the message"
-            raise ConfigError(f"{display_path(path)}: '{name}': {parent} has no field '{key}'; {_fields(item, key)}")
+            raise ConfigError(
+                f"'{name}': {parent} has no field '{key}'; {_fields(item, key)}", where=display_path(path)
+            )
         item = inner
     if isinstance(item, bool | int | float | np.number | np.bool_):
         return item
-    raise ConfigError(f"{display_path(path)}: '{name}' is not a number; {_fields(item, '')}")
+    raise ConfigError(f"'{name}' is not a number; {_fields(item, '')}", where=display_path(path))
 
 
 def _fields(item: Any, key: str) -> str:

@@ -106,7 +106,7 @@ def read_csv(request: Request) -> Table:
     # Lines of comments may stand anywhere; numbers of lines for messages are those of the file.
     data_lines = [index for index, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
     if not data_lines:
-        raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
+        raise ConfigError("is empty; a header and rows of numbers are expected", where=name)
     text = _Text(request, lines, data_lines, notes)
     # A file of few long lines may have its channels in rows.
     if len(data_lines) <= _MAX_TRANSPOSED_LINES:
@@ -115,7 +115,7 @@ def read_csv(request: Request) -> Table:
             return _transpose(name, rows, request.layout.columns, notes)
     header = _with_units(text, _find_header(text))
     if not header.rows:
-        raise ConfigError(f"{name}: has a header and no rows")
+        raise ConfigError("has a header and no rows", where=name)
     _check_widths(text, header)
     return _parse_rows(text, header)
 
@@ -252,7 +252,7 @@ def _transpose(name: str, rows: list[list[str]], columns: list[str] | None, note
     names = columns or [row[0] if named else str(number) for number, row in enumerate(rows, start=1)]
     if len(names) != len(rows):
         raise ConfigError(
-            f"{name}: has {len(rows)} lines, each a channel, but 'csv: {{columns: […]}}' has {len(names)} names"
+            f"has {len(rows)} lines, each a channel, but 'csv: {{columns: […]}}' has {len(names)} names", where=name
         )
     numbered = "" if named or columns else ", and numbered from 1"
     notes.append(f"has a channel in each of its {len(rows)} lines: transposed{numbered}")
@@ -271,11 +271,11 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
         try:
             raw = gzip.decompress(raw)
         except (OSError, EOFError, zlib.error):
-            raise ConfigError(f"{name}: is a damaged gzip file") from None
+            raise ConfigError("is a damaged gzip file", where=name) from None
         notes.append("is compressed with gzip")
     known = next((kind for head, kind in _OTHER_FORMATS.items() if raw.startswith(head)), None)
     if known is not None:
-        raise ConfigError(f"{name}: is {known}, not text; export it as CSV")
+        raise ConfigError(f"is {known}, not text; export it as CSV", where=name)
     encoding = next((known_encoding for head, known_encoding in _ENCODINGS.items() if raw.startswith(head)), None)
     if encoding is None and b"\0" in raw[:4000]:  # UTF-16 without a byte order mark
         # Latin text in UTF-16 has zeros as every second byte; their place gives the byte order.
@@ -292,7 +292,7 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
     sample = text[:4000]
     strange = sum((char < " " and char not in "\t\n\r\f\v") or "\x7f" <= char < "\xa0" for char in sample)
     if strange > 0.02 * len(sample):
-        raise ConfigError(f"{name}: is not text; CSV is expected")
+        raise ConfigError("is not text; CSV is expected", where=name)
     return text
 
 

@@ -39,16 +39,16 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
     if path.is_dir():
         return (read_bag if is_bag(path) else read_run)(request)
     if not path.exists():
-        raise ConfigError(f"{request.name}: no such file")
+        raise ConfigError("no such file", where=request.name)
     suffix = path.suffix.lower()
     # Compressed text has the format of its inner suffix.
     reader = FORMATS.get(Path(path.stem).suffix.lower() if suffix == ".gz" else suffix)
     if suffix == ".gz" and reader is not read_csv:
-        raise ConfigError(f"{request.name}: unpack it first; only compressed text can be read")
+        raise ConfigError("unpack it first; only compressed text can be read", where=request.name)
     if reader is None and suffix in _WORKBOOKS:
-        raise ConfigError(f"{request.name}: is a workbook; export its sheet as CSV")
+        raise ConfigError("is a workbook; export its sheet as CSV", where=request.name)
     if reader is None:
-        raise ConfigError(f"{request.name}: unknown format '{path.suffix}'; {did_you_mean(path.suffix, FORMATS)}")
+        raise ConfigError(f"unknown format '{path.suffix}'; {did_you_mean(path.suffix, FORMATS)}", where=request.name)
     return reader(request)
 
 
@@ -61,7 +61,7 @@ def read_run(request: Request) -> Table:
     """Read a run folder: ``time`` and the columns of signals.parquet."""
     file = request.path / _SIGNALS
     if not (request.path / "spec.yaml").is_file():
-        raise ConfigError(f"{request.name}: is a folder, but not a run folder (it has no spec.yaml)")
+        raise ConfigError("is a folder, but not a run folder (it has no spec.yaml)", where=request.name)
     with read_errors(file):
         parts = stored(file)
         if not parts:
@@ -75,7 +75,7 @@ def read_parquet(request: Request) -> Table:
     try:
         table = pq.read_table(request.path)
     except (OSError, pa.ArrowInvalid):
-        raise ConfigError(f"{request.name}: is not a Parquet file") from None
+        raise ConfigError("is not a Parquet file", where=request.name) from None
     return _columns(request.name, table, {})
 
 

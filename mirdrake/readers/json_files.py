@@ -26,7 +26,7 @@ def read_json_lines(request: Request) -> Table:
             raise ConfigError(f'{request.name}:{at}: is no object; a line of JSON is {{"time": 0.0, …}}')
         records.append(_flat(row))
     if not records:
-        raise ConfigError(f"{request.name}: is empty; lines of JSON are expected")
+        raise ConfigError("is empty; lines of JSON are expected", where=request.name)
     # Lines may have different keys, so that each topic has its own; missing ones are empty cells.
     frame = pd.DataFrame.from_records(records)
     return Table(request.name, list(frame.columns), {name: frame[name] for name in frame.columns})

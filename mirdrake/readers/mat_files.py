@@ -24,7 +24,7 @@ def read_mat(request: Request) -> Table:
     content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
     columns = vectors({key: value for key, value in content.items() if not key.startswith(("__", "#"))})
     if not columns:
-        raise ConfigError(f"{display_path(path)}: has no vectors of numbers")
+        raise ConfigError("has no vectors of numbers", where=display_path(path))
     return Table(display_path(path), list(columns), columns)
 
 
@@ -50,9 +50,9 @@ def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
         done = subprocess.run(command, input=raw, capture_output=True, timeout=MAT_TIME, check=True)
         content: dict[str, Any] = pickle.loads(done.stdout)
     except subprocess.TimeoutExpired:
-        raise ConfigError(f"{display_path(path)}: cannot be read within {MAT_TIME:g} s; is it damaged?") from None
+        raise ConfigError(f"cannot be read within {MAT_TIME:g} s; is it damaged?", where=display_path(path)) from None
     except (subprocess.SubprocessError, EOFError, pickle.UnpicklingError):
-        raise ConfigError(f"{display_path(path)}: is not a MAT file, or is damaged") from None
+        raise ConfigError("is not a MAT file, or is damaged", where=display_path(path)) from None
     return content
 
 
@@ -76,4 +76,4 @@ def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
         with h5py.File(BytesIO(raw), "r") as file:
             return {key: plain(item) for key, item in file.items()}
     except Exception:  # h5py raises errors of many kinds on a damaged file
-        raise ConfigError(f"{display_path(path)}: claims to be MAT version 7.3, but is damaged") from None
+        raise ConfigError("claims to be MAT version 7.3, but is damaged", where=display_path(path)) from None

@@ -21,8 +21,8 @@ def read_npy(request: Request) -> Table:
         arrays = dict(content) if isinstance(content, np.lib.npyio.NpzFile) else content
     except Exception as error:  # NumPy and zipfile raise errors of many kinds on damaged files
         reason = "has Python objects; save arrays of numbers" if "pickle" in str(error) else "is damaged"
-        raise ConfigError(f"{request.name}: is not an array file of NumPy, or {reason}") from None
+        raise ConfigError(f"is not an array file of NumPy, or {reason}", where=request.name) from None
     columns = vectors(arrays)
     if not columns:
-        raise ConfigError(f"{request.name}: has no vectors of numbers")
+        raise ConfigError("has no vectors of numbers", where=request.name)
     return Table(request.name, list(columns), columns)

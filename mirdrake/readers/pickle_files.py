@@ -47,12 +47,13 @@ def read_pickle(request: Request) -> Table:
         # The unpickler names the class that it did not make.
         known = f"has the object {error}" if "." in str(error) and " " not in str(error) else "is damaged"
         raise ConfigError(
-            f"{request.name}: {known}; only arrays, lists and mappings are read, as other pickles may execute code: "
-            f"save it as CSV, Parquet or NPZ"
+            f"{known}; only arrays, lists and mappings are read, as other pickles may execute code: "
+            f"save it as CSV, Parquet or NPZ",
+            where=request.name,
         ) from None
     except Exception:  # damaged opcodes raise errors of many kinds
-        raise ConfigError(f"{request.name}: is not a pickle, or is damaged") from None
+        raise ConfigError("is not a pickle, or is damaged", where=request.name) from None
     columns = vectors(content)
     if not columns:
-        raise ConfigError(f"{request.name}: has no vectors of numbers")
+        raise ConfigError("has no vectors of numbers", where=request.name)
     return Table(request.name, list(columns), columns)

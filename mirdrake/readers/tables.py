@@ -83,15 +83,17 @@ class Table:
             ConfigError: the column does not exist, or a cell is not a number.
         """
         if column not in self.columns and self.lines is not None and not self.has_header:
-            raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
+            raise ConfigError(f"{self.name} has no header; name its columns under 'csv: {{columns: […]}}'", where=place)
         if self.names.count(column) > 1:
-            raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
+            raise ConfigError(f"{self.name} has {self.names.count(column)} columns '{column}'; rename one", where=place)
         same = [name for name in self.names if PLACE.sub("", name) == column]
         if column not in self.columns and same:
             names = " or ".join(f"'{name}'" for name in same)
-            raise ConfigError(f"{place}: {self.name} has {len(same)} columns '{column}'; rename one, or use {names}")
+            raise ConfigError(
+                f"{self.name} has {len(same)} columns '{column}'; rename one, or use {names}", where=place
+            )
         if column not in self.columns:
-            raise ConfigError(f"{place}: {self.name} has no column '{column}'; {did_you_mean(column, self.names)}")
+            raise ConfigError(f"{self.name} has no column '{column}'; {did_you_mean(column, self.names)}", where=place)
         values = pd.Series(np.asarray(self.columns[column]).ravel())
         numbers = as_numbers(values)
         # coerce turns texts into NaN; cells that were empty before are not faults.
@@ -174,8 +176,8 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
-        raise ConfigError(f"{display_path(path)}: no such file") from None
+        raise ConfigError("no such file", where=display_path(path)) from None
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"{display_path(path)}: cannot be read: {getattr(error, 'strerror', None) or error}"
+            f"cannot be read: {getattr(error, 'strerror', None) or error}", where=display_path(path)
         ) from None

@@ -40,13 +40,13 @@ def read_vbo(request: Request) -> Table:
     sections = {title: (index + 1, end) for (index, title), end in zip(marks, ends, strict=False)}
     for needed in ("column names", "data"):
         if needed not in sections:
-            raise ConfigError(f"{name}: has no section [{needed}]; a VBO file of a VBOX is expected")
+            raise ConfigError(f"has no section [{needed}]; a VBO file of a VBOX is expected", where=name)
     # Titles in the header have units, the short names above the data do not.
     titles = [line.strip() for line in lines[slice(*sections.get("header", (0, 0)))] if line.strip()]
     names = " ".join(lines[slice(*sections["column names"])]).split()
     rows = [index for index in range(*sections["data"]) if lines[index].strip()]
     if not rows or not names:
-        raise ConfigError(f"{name}: has no {'rows' if names else 'column names'}")
+        raise ConfigError(f"has no {'rows' if names else 'column names'}", where=name)
     # pandas would fill short rows with NaN.
     for row in rows:
         if len(cells := lines[row].split()) != len(names):

@@ -102,5 +102,5 @@ class WheelEncoderMount(SensorMount):
         joints = {joint.child_body().name(): joint for joint in part.wheels}
         if body.name() not in joints:
             location = where(self, "frame")
-            raise ConfigError(f"{location}: '{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}")
+            raise ConfigError(f"'{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}", where=location)
         return WheelEncoder(plant, joints[body.name()], self, stream=stream, lead=parts.lead)

@@ -48,15 +48,17 @@ def open_journal(folder: Path | None, manifest: Mapping[str, Any], *, resume: bo
         folder.mkdir(parents=True, exist_ok=True)
         used = any(folder.iterdir())
     if used and not resume:
-        raise RunError(f"{folder}: is not empty; choose another folder, or resume the study in it")
+        raise RunError("is not empty; choose another folder, or resume the study in it", where=folder)
     if used:
         before = read_manifest(folder)
         # Compared in full, not by digest alone, so that the message can say which part has changed.
         if before.get("study") != manifest["study"]:
-            raise RunError(f"{folder}: was begun with another study; it cannot be resumed with this one")
+            raise RunError("was begun with another study; it cannot be resumed with this one", where=folder)
         for key, name in (("content", "models or worlds"), ("versions", "versions")):
             if before.get(key) != manifest[key]:
-                raise RunError(f"{folder}: the {name} have changed since the study was begun; choose another folder")
+                raise RunError(
+                    f"the {name} have changed since the study was begun; choose another folder", where=folder
+                )
     else:
         write_file(folder / STUDY_FILE, json.dumps(manifest, indent=1) + "\n")
 
@@ -91,7 +93,7 @@ def read_manifest(folder: Path) -> Json:
     """
     file = folder / STUDY_FILE
     if not file.is_file():
-        raise ConfigError(f"{folder}: not the folder of a study (it has no {STUDY_FILE})")
+        raise ConfigError(f"not the folder of a study (it has no {STUDY_FILE})", where=folder)
     with read_errors(file):
         data = parse_json(file.read_text(encoding="utf-8"))
         if not isinstance(data, dict):

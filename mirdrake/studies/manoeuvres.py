@@ -63,22 +63,22 @@ def make_manoeuvre_plan(spec: StudySpec) -> Plan:
     name = spec.manoeuvre or ""
     if name not in MANOEUVRES:
         raise ConfigError(
-            f"{where(spec, 'manoeuvre')}: unknown manoeuvre '{name}'; {did_you_mean(name, list(MANOEUVRES))}"
+            f"unknown manoeuvre '{name}'; {did_you_mean(name, list(MANOEUVRES))}", where=where(spec, "manoeuvre")
         )
     vehicle, _ = _load(spec.vehicle or "")
     try:
         base = _read_settings(spec.overrides)
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, 'overrides')}: {error}") from None
+        raise ConfigError(str(error), where=where(spec, "overrides")) from None
     # The ends of each range are tried, so that faults are reported before the start.
     for path, entry in spec.parameters.items():
         for value in entry.ends():
             try:
                 _make_rig(spec, vehicle, base, {path: value})
             except ConfigError as error:
-                raise ConfigError(f"{where(spec, 'parameters', path)}: {first_line(error)}") from None
+                raise ConfigError(first_line(error), where=where(spec, "parameters", path)) from None
     if len(set(spec.metrics)) < len(spec.metrics):
-        raise ConfigError(f"{where(spec, 'metrics')}: each metric must have a different name")
+        raise ConfigError("each metric must have a different name", where=where(spec, "metrics"))
     content = digest_data([vehicle.urdf, vehicle.spec.model_dump(mode="json"), vehicle.control.model_dump(mode="json")])
     return Plan(spec, {}, {}, sample(spec), 0.0, content)
 
@@ -97,8 +97,8 @@ def make_manoeuvre_shards(plan: Plan) -> list[ManoeuvreShard]:
     for column, metric in enumerate(spec.metrics):
         if known and metric not in known:
             raise ConfigError(
-                f"{where(spec, 'metrics', column)}: {spec.manoeuvre} has no figure '{metric}'; "
-                f"{did_you_mean(metric, known)}"
+                f"{spec.manoeuvre} has no figure '{metric}'; {did_you_mean(metric, known)}",
+                where=where(spec, "metrics", column),
             )
     size = int(min(max(SAMPLES / max(samples, 1000), 1), size))
     shards = []

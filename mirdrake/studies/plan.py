@@ -147,7 +147,7 @@ def make_plan(spec: StudySpec) -> Plan:
             try:
                 make_spec(put(data, name, value))
             except ConfigError as error:
-                raise ConfigError(f"{location}: {first_line(error).removeprefix('diagram: ')}") from None
+                raise ConfigError(first_line(error).removeprefix("diagram: "), where=location) from None
     _check_metrics(spec, list(vehicles))
 
     # Models and the world are part of the digest: a resumed study must not mix rows of different models.
@@ -196,7 +196,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
         try:
             diagram = load_diagram(given)
         except ConfigError as error:
-            raise ConfigError(f"{location}: {error}") from None
+            raise ConfigError(str(error), where=location) from None
     else:
         source = spec._source or Source("study", {})
         diagram = validate(dict(given), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
@@ -210,7 +210,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
             make_spec(data)
         except ConfigError as error:
             first = first_line(error).removeprefix("diagram: ")
-            raise ConfigError(f"{where(spec, 'overrides', path)}: {first}") from None
+            raise ConfigError(first, where=where(spec, "overrides", path)) from None
     return make_spec(data)
 
 
@@ -228,21 +228,23 @@ def _is_context_parameter(spec: StudySpec, name: str, known: Mapping[str, Contex
     head = name.partition(".")[0]
     location = where(spec, "parameters", name)
     if name in _RESERVED:
-        raise ConfigError(f"{location}: is a column of the results and cannot be a parameter")
+        raise ConfigError("is a column of the results and cannot be a parameter", where=location)
     if head in DiagramSpec.model_fields:
         # The runs of a study share these, so that their rows can be compared in one table.
         if head in {"folder", "name", "provenance", "record", "duration"}:
-            raise ConfigError(f"{location}: cannot differ between runs")
+            raise ConfigError("cannot differ between runs", where=location)
         return False
-    raise ConfigError(f"{location}: neither a context parameter nor a path of the diagram; {did_you_mean(name, known)}")
+    raise ConfigError(
+        f"neither a context parameter nor a path of the diagram; {did_you_mean(name, known)}", where=location
+    )
 
 
 def _check_values(location: str, parameter: ContextParameter, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, str | bool):
-            raise ConfigError(f"{location}: {value!r} is not a number")
+            raise ConfigError(f"{value!r} is not a number", where=location)
         if parameter.positive and value <= 0.0:
-            raise ConfigError(f"{location}: {value:g} is not allowed; it must be above 0")
+            raise ConfigError(f"{value:g} is not allowed; it must be above 0", where=location)
 
 
 def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
@@ -254,15 +256,16 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     for column, name in enumerate(spec.metrics):
         location = where(spec, "metrics", column)
         if name in seen:
-            raise ConfigError(f"{location}: '{name}' is already a column")
+            raise ConfigError(f"'{name}' is already a column", where=location)
         seen = seen | {name}
         function, _ = function_of(name)
         if function:
             try:
                 load_user_function(function, folder=spec.folder)
             except ConfigError as error:
-                raise ConfigError(f"{location}: {error}") from None
+                raise ConfigError(str(error), where=location) from None
         elif name not in figures:
             raise ConfigError(
-                f"{location}: neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}"
+                f"neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}",
+                where=location,
             )

@@ -31,19 +31,20 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
     for name, entry in parameters.items():
         if entry.values is None and entry.count is None:
             more = " a count, or" if isinstance(sampling, GridSampling) else ""
-            raise ConfigError(f"{where(spec, 'parameters', name)}: a {sampling.kind} needs{more} values")
+            raise ConfigError(f"a {sampling.kind} needs{more} values", where=where(spec, "parameters", name))
     # Grids and lists have given values: all combinations, or one after another.
     lists = [divide(entry) for entry in parameters.values()]
     if isinstance(sampling, GridSampling):
         if math.prod(map(len, lists)) > MOST:
-            raise ConfigError(f"{where(spec, 'parameters')}: the grid has more than {MOST} runs; use fewer values")
+            raise ConfigError(f"the grid has more than {MOST} runs; use fewer values", where=where(spec, "parameters"))
         return list(product(*lists))
     first = next(iter(parameters))
     for name, values in zip(parameters, lists, strict=True):
         if len(values) != len(lists[0]):
             raise ConfigError(
-                f"{where(spec, 'parameters', name)}: a list needs as many values for each parameter; "
-                f"{first} has {len(lists[0])}, {name} has {len(values)}"
+                "a list needs as many values for each parameter; "
+                f"{first} has {len(lists[0])}, {name} has {len(values)}",
+                where=where(spec, "parameters", name),
             )
     return list(zip(*lists, strict=True))
 

@@ -89,15 +89,15 @@ def check_single_track(plan: Plan) -> None:
     spec, diagram = plan.spec, make_spec(plan.diagram)
     if len(diagram.vehicles) != 1 or diagram.systems or diagram.connect:
         raise ConfigError(
-            f"{where(spec, 'model')}: single_track is for a diagram with one vehicle and without systems; "
-            "write model: plant"
+            "single_track is for a diagram with one vehicle and without systems; write model: plant",
+            where=where(spec, "model"),
         )
     name = next(iter(diagram.vehicles))
     driver = diagram.control.get(name)
     if not isinstance(driver, PathTrackingSpec | ConstantSpec | ScheduleSpec):
         raise ConfigError(
-            f"{where(spec, 'model')}: single_track is for the drivers path_tracking, constant and schedule; "
-            "write model: plant"
+            "single_track is for the drivers path_tracking, constant and schedule; write model: plant",
+            where=where(spec, "model"),
         )
 
     # Parameters and metrics are checked by name here; the values are checked when a shard is built.
@@ -105,21 +105,21 @@ def check_single_track(plan: Plan) -> None:
     for parameter in spec.parameters:
         if parameter not in known and not _gain_of(name, parameter):
             raise ConfigError(
-                f"{where(spec, 'parameters', parameter)}: the single-track model cannot vary it; "
-                f"{did_you_mean(parameter, known)}"
+                f"the single-track model cannot vary it; {did_you_mean(parameter, known)}",
+                where=where(spec, "parameters", parameter),
             )
     for column, metric in enumerate(spec.metrics):
         allowed = ["simulated_s", *(f"{name}.{figure}" for figure in FIGURES)]
         if metric not in allowed:
             raise ConfigError(
-                f"{where(spec, 'metrics', column)}: not a metric of the single-track model; "
-                f"{did_you_mean(metric, allowed)}"
+                f"not a metric of the single-track model; {did_you_mean(metric, allowed)}",
+                where=where(spec, "metrics", column),
             )
     # A trial batch of one run: faults of the vehicle or the driver are reported before any worker starts.
     try:
         _Model(plan.diagram, {}, 1)
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, 'model')}: {error}") from None
+        raise ConfigError(str(error), where=where(spec, "model")) from None
 
 
 def run_shard(shard: BatchShard) -> list[Outcome]:

@@ -149,5 +149,5 @@ def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
     if isinstance(study, Mapping):
         return validate(dict(study), StudySpec, Source("study", {}))
     if not Path(study).suffix:
-        raise ConfigError(f"{display_path(Path(study))}: not a study file, whose name ends in .yaml")
+        raise ConfigError("not a study file, whose name ends in .yaml", where=display_path(Path(study)))
     return load_study(study)

@@ -255,10 +255,10 @@ def collect_searches(
     firsts = {case.test: case for case in reversed(cases)}
     for name in dict.fromkeys(case.test for case in cases if only and case.test not in searched):
         hint = f"these do: {', '.join(searched)}" if searched else "add search: {over: {NAME: [LOW, HIGH]}}"
-        raise ConfigError(f"{where(spec, 'tests')}: '{name}' has no search; {hint}")
+        raise ConfigError(f"'{name}' has no search; {hint}", where=where(spec, "tests"))
     if not searched:
         raise ConfigError(
-            f"{where(spec, 'tests')}: no test has a search; add search: {{over: {{NAME: [LOW, HIGH]}}}} to one"
+            "no test has a search; add search: {over: {NAME: [LOW, HIGH]}} to one", where=where(spec, "tests")
         )
     return [(firsts[name], searched[name]) for name in dict.fromkeys(case.test for case in cases) if name in searched]
 
@@ -394,10 +394,8 @@ def _distinct(collected: Sequence[tuple[str, Case]]) -> list[Case]:
 def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[str]:
     """Yield the faults of a test, a line each."""
     spec = world.spec
-    if test.start is not None and test.start not in world.starts:
-        yield f"{where(test, 'start')}: unknown start '{test.start}'; {did_you_mean(test.start, world.starts)}"
-    if test.goal is not None and test.goal not in world.goals:
-        yield f"{where(test, 'goal')}: unknown goal '{test.goal}'; {did_you_mean(test.goal, world.goals)}"
+    for car in (test, *test.others.values()):
+        yield from _vehicle_faults(world, car)
     # Every place that names a parameter, with its location.
     named = [(key, where(test, "variations", key)) for key in test.variations]
     named += [(key, where(spec, "params")) for key in values]
@@ -408,10 +406,6 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
             yield f"{location}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
 
     # Each check is independent, so that all faults of a test are reported at once.
-    try:
-        find_vehicle(test.vehicle, where=where(test, "vehicle"))
-    except MirdrakeError as error:
-        yield str(error)
     try:
         # Loaded for its faults only; faults of the world itself, not of the values, are left to the runs.
         load_world(str(path), overrides=overrides(values)) if values else None
@@ -430,16 +424,12 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
         expected += [(other, text, row) for row, text in enumerate(other.expect)]
         if name == VEHICLE:
             yield f"{where(test, 'others', name)}: '{name}' is the vehicle under test; choose another name"
-        if other.start not in world.starts:
-            yield f"{where(other, 'start')}: unknown start '{other.start}'; {did_you_mean(other.start, world.starts)}"
-        if other.goal is not None and other.goal not in world.goals:
-            yield f"{where(other, 'goal')}: unknown goal '{other.goal}'; {did_you_mean(other.goal, world.goals)}"
-        try:
-            find_vehicle(other.vehicle, where=where(other, "vehicle"))
-        except MirdrakeError as error:
-            yield str(error)
+    for actor in world.moving:
+        if actor.name in (VEHICLE, *test.others):
+            location = where(actor.spec, "name")
+            yield f"{location}: '{actor.name}' is the name of a vehicle of the test '{test.name}'; rename the actor"
     names = [*(actor.name for actor in world.moving), VEHICLE, *test.others]
-    for location, condition in conditions(spec.actors, spec.scenario):
+    for location, _, condition in conditions(spec.actors, spec.scenario):
         if condition.of is not None and condition.of not in names:
             hint = did_you_mean(condition.of, names)
             yield f"{location}: there is no vehicle or actor '{condition.of}' in the test '{test.name}'; {hint}"
@@ -450,6 +440,17 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
             yield str(error)
         else:
             yield from _unfit(requirement, world, test, owner.goal)
+
+
+def _vehicle_faults(world: World, car: CaseSpec | OtherSpec) -> Iterator[str]:
+    """Yield the names that a vehicle of a test has and its world has not."""
+    for key, name, known in (("start", car.start, world.starts), ("goal", car.goal, world.goals)):
+        if name is not None and name not in known:
+            yield f"{where(car, key)}: unknown {key} '{name}'; {did_you_mean(name, known)}"
+    try:
+        find_vehicle(car.vehicle, where=where(car, "vehicle"))
+    except MirdrakeError as error:
+        yield str(error)
 
 
 def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str | None) -> Iterator[str]:

@@ -152,7 +152,7 @@ def read_tir(path: Path) -> TirFile:
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise ConfigError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise ConfigError(f"cannot be read: {getattr(error, 'strerror', None) or error}", where=name) from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -53,7 +53,7 @@ class FileChange:
         with write_errors(path):
             # The user may have edited the file since it was read.
             if path.read_bytes() != self.before.encode():
-                raise RunError(f"{display_path(self.path)}: has changed in the meantime; run it again")
+                raise RunError("has changed in the meantime; run it again", where=display_path(self.path))
             mode = path.stat().st_mode
         write_file(path, self.after)
         path.chmod(mode & 0o7777)

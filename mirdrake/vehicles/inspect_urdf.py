@@ -57,7 +57,7 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
             yield from _unconnected(urdf, spec, links, joints)
         else:
             hint = did_you_mean(spec.base_link, links)
-            yield ConfigError(f"{where_in(spec, 'base_link')}: no link '{spec.base_link}'; {hint}")
+            yield ConfigError(f"no link '{spec.base_link}'; {hint}", where=where_in(spec, "base_link"))
         yield from _wrong_roles(urdf, spec, joints)
         yield from find_suspension_faults(urdf, spec, joints)
         yield from _weak_joints(urdf, spec, joints)
@@ -65,7 +65,7 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
     for name, mount in (sensors.mounts if sensors is not None else {}).items():
         if mount.frame not in frames:
             location = where_in(sensors, "mounts", name, "frame") if sensors is not None else ""
-            yield ConfigError(f"{location}: no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}")
+            yield ConfigError(f"no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}", where=location)
 
 
 def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[MirdrakeError]:
@@ -280,9 +280,9 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         if name not in joints:
             movable = [other for other, joint in joints.items() if joint.get("type") != "fixed"]
             given = name if len(name) <= 60 else f"{name[:59]}…"
-            yield ConfigError(f"{location}: no joint '{given}'; {did_you_mean(name, movable)}")
+            yield ConfigError(f"no joint '{given}'; {did_you_mean(name, movable)}", where=location)
         elif name in used:
-            yield ConfigError(f"{location}: joint '{name}' is already {used[name]}")
+            yield ConfigError(f"joint '{name}' is already {used[name]}", where=location)
         else:
             used[name] = ".".join(path)
             joint = joints[name]

@@ -55,14 +55,14 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
     mounts = dict(sensors.mounts)
     for name, keys in changes.items():
         if name not in mounts:
-            raise ConfigError(f"{source.where(name)}: no sensor '{name}' is mounted; {did_you_mean(name, mounts)}")
+            raise ConfigError(f"no sensor '{name}' is mounted; {did_you_mean(name, mounts)}", where=source.where(name))
         # Keys that were given before stay only where a new preset does not replace them.
         data = below_preset(mounts[name].model_dump(exclude_unset=True), keys) | dict(keys)
         location = source._replace(prefix=(*source.prefix, name))
         try:
             data = with_preset(data)
         except ValueError as error:
-            raise ConfigError(f"{location.where('preset')}: {error}") from None
+            raise ConfigError(str(error), where=location.where("preset")) from None
         # A preset may be of another kind than the sensor that it replaces.
         kind = str(data.get("kind"))
         mounts[name] = validate(data, SENSOR_KINDS[kind] if kind in SENSORS else type(mounts[name]), location)

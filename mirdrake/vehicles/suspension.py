@@ -37,11 +37,11 @@ def find_suspension_faults(
     names = spec.joints.suspension
     if names is not None and spec.suspension is None:
         yield ConfigError(
-            f"{where_in(spec, 'joints', 'suspension')}: the joints have no springs; add the section suspension"
+            "the joints have no springs; add the section suspension", where=where_in(spec, "joints", "suspension")
         )
     if names is None and spec.suspension is not None:
         yield ConfigError(
-            f"{where_in(spec, 'suspension')}: the springs have no joints; name them under joints.suspension"
+            "the springs have no joints; name them under joints.suspension", where=where_in(spec, "suspension")
         )
     # A movable joint without a role in the chain of a wheel would swing freely in the plant.
     above = {child: joint for joint in joints.values() if (child := _end(joint, "child"))}
@@ -67,7 +67,7 @@ def find_suspension_faults(
         if spring is not None and spring in joints and joints[spring] not in chain:
             location = where_in(spec, "joints", "suspension", wheel)
             yield ConfigError(
-                f"{location}: joint '{spring}' does not carry the {wheel} wheel; name the one above '{roles[0]}'"
+                f"joint '{spring}' does not carry the {wheel} wheel; name the one above '{roles[0]}'", where=location
             )
 
 

@@ -129,7 +129,7 @@ def load_variant(folder: Path, variant: str | None, *, where: str = "") -> Varia
     if change.base not in known or change.base == variant:
         raise not_found("variant", change.base, known, of=folder.name, where=place)
     if load_yaml(_file(known[change.base]), VariantSpec).base is not None:
-        raise ConfigError(f"{place}: variant '{change.base}' has a base as well; name one without a base")
+        raise ConfigError(f"variant '{change.base}' has a base as well; name one without a base", where=place)
     return load_yaml(_file(known[change.base]), VariantSpec, over=read_tree(_file(known[variant])))
 
 
@@ -153,7 +153,7 @@ def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec
 def _file(path: Path) -> Path:
     """Return the path of a regular file; reading a pipe or a device would not end."""
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise ConfigError(f"{display_path(path)}: is not a file")
+        raise ConfigError("is not a file", where=display_path(path))
     return path
 
 
@@ -201,8 +201,9 @@ def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
     """
     if control.wheel_speed.uses_pedals and not spec.tyres.has_slip:
         raise ConfigError(
-            f"{where_in(control.wheel_speed, 'kind')}: pedals drive tyres of kind {' or '.join(kinds_with_slip())}, "
-            f"and those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo"
+            f"pedals drive tyres of kind {' or '.join(kinds_with_slip())}, "
+            f"and those of vehicle.yaml are {spec.tyres.kind}; write tyres there, or take kind servo",
+            where=where_in(control.wheel_speed, "kind"),
         )
 
 

@@ -111,7 +111,6 @@ def examine(
     trips = _Trips(world, near, time_limit)
     trips.check(vehicle)
     faults += trips.faults
-    faults += _condition_faults(world)
     remarks = _condition_remarks(world)
     if world.path is not None and world.spec.tests:
         faults += _test_faults(world, overrides, {fault.text for fault in faults}, trust=trust)
@@ -234,18 +233,6 @@ class _Trips:
         return self._subjects[trip.vehicle]
 
 
-def _condition_faults(world: World) -> list[Fault]:
-    """Return the faults of conditions that name a track that does not exist."""
-    faults = []
-    for location, condition in conditions(world.spec.actors, world.spec.scenario):
-        try:
-            if condition.track is not None:
-                world.track(condition.track, where=location)
-        except MirdrakeError as error:
-            faults += _faults_of("file", error)
-    return faults
-
-
 def _condition_remarks(world: World) -> list[str]:
     """Return a line for each name of a condition that only a diagram can explain: no test has such a vehicle."""
     if world.spec.tests:  # their vehicles are known: another name is a fault of the test
@@ -253,7 +240,7 @@ def _condition_remarks(world: World) -> list[str]:
     known = {"ego", *(actor.name for actor in world.moving)}
     return [
         f"{location}: no actor is called '{condition.of}'; each diagram of this world needs a vehicle of this name"
-        for location, condition in conditions(world.spec.actors, world.spec.scenario)
+        for location, _, condition in conditions(world.spec.actors, world.spec.scenario)
         if condition.of is not None and condition.of not in known
     ]
 

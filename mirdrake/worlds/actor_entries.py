@@ -54,7 +54,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
             origins.append(index)
         # Checked inside the loop, since one `count` can ask for more actors than memory holds.
         if len(result) > LARGEST_COUNT:
-            raise ConfigError(f"{source.where('actors', index)}: more than {LARGEST_COUNT} actors")
+            raise ConfigError(f"more than {LARGEST_COUNT} actors", where=source.where("actors", index))
     # Each actor has the lines of the entry it was made from, so that messages name the right line.
     # Only the keys below an entry move to other indices; the key of the whole list stays.
     lines = {key: line for key, line in source.lines.items() if key[:1] != ("actors",) or len(key) == 1}

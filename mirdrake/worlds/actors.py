@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import where
-from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, OnTrackLaneSpec, Step
+from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, OnTrackLaneSpec, Step, conditions
 from mirdrake.worlds.arrange import css_color
 from mirdrake.worlds.clearance import Part, Volume
 from mirdrake.worlds.networks import Network
@@ -23,7 +23,7 @@ from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop
 from mirdrake.worlds.recorded import recorded_path, recorded_rows
 from mirdrake.worlds.track_lanes import lanes_of_world, station_on
-from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.tracks import Track, check_station, find_track
 
 if TYPE_CHECKING:
     from mirdrake.worlds.spec import WorldSpec
@@ -206,7 +206,7 @@ def _make_actors(
     for spec in specs:
         # Names are unique, because scenarios, triggers and signals refer to actors by them.
         if spec.name in actors:
-            raise ConfigError(f"{where(spec, 'name')}: '{spec.name}' is used twice; give each actor its own name")
+            raise ConfigError(f"'{spec.name}' is used twice; give each actor its own name", where=where(spec, "name"))
         if spec.on_track is not None:
             lane, s = _on_track(spec.on_track, tracks, lanes)
             place = lane.id, s, spec.on_track.offset
@@ -229,11 +229,18 @@ def _make_actors(
         elif spec.recorded is not None:
             paths[actor.lane] = _recorded_path(actor)
         actors[spec.name] = actor
+    for location, name, condition in conditions(specs, scenario):
+        # Such a trigger would fire at once.
+        if condition.of == name and condition.kind in {"distance", "time"}:
+            raise ConfigError(f"'{name}' is always at its own place; name another actor or vehicle", where=location)
+        # One beyond the end of the track would never fire.
+        if condition.track is not None:
+            check_station(condition.value, find_track(condition.track, tracks, where=location), where=location)
     # A scenario for a misspelt actor would be silently without effect.
     for name, steps_of in scenario.items():
         if name not in actors:
             location = where(steps_of[0]) if steps_of else "scenario"
-            raise ConfigError(f"{location}: there is no actor '{name}'; {did_you_mean(name, actors)}")
+            raise ConfigError(f"there is no actor '{name}'; {did_you_mean(name, actors)}", where=location)
     # Sorted by name: the order in the file has no effect on the simulation.
     ordered = [actors[name] for name in sorted(actors)]
     props_only = tuple(actor for actor in ordered if isinstance(actor, Actor))
@@ -243,30 +250,28 @@ def _make_actors(
 def _lane_of(spec: OnLaneSpec, lanes: Mapping[str, Lane]) -> Lane:
     """Return the lane of a place on a lane."""
     if spec.lane not in lanes:
-        raise ConfigError(f"{where(spec, 'lane')}: there is no lane '{spec.lane}'; {did_you_mean(spec.lane, lanes)}")
+        raise ConfigError(
+            f"there is no lane '{spec.lane}'; {did_you_mean(spec.lane, lanes)}", where=where(spec, "lane")
+        )
     lane = lanes[spec.lane]
     if not 0.0 <= spec.s <= lane.length:
-        raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the lane is {lane.length:g} m long")
+        raise ConfigError(f"s = {spec.s:g} m; the lane is {lane.length:g} m long", where=where(spec, "s"))
     return lane
 
 
 def _on_track(spec: OnTrackLaneSpec, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]) -> tuple[Lane, float]:
     """Return the lane of a place on a track, and the station on it [m]."""
-    if spec.track not in tracks:
-        hint = did_you_mean(spec.track, tracks) if tracks else "the world has no tracks"
-        raise ConfigError(f"{where(spec, 'track')}: unknown track '{spec.track}'; {hint}")
-    track = tracks[spec.track]
+    track = find_track(spec.track, tracks, where=where(spec, "track"))
     known = [lane for lane in lanes.values() if lane.road == spec.track]
     forward = [lane for lane in known if lane.direction > 0]
     number: int = spec.lane if isinstance(spec.lane, int) else {"left": len(forward)}.get(str(spec.lane), 1)
     lane = lanes.get(f"{spec.track}.{number}")
     if lane is None:
         allowed = ", ".join(candidate.id.rpartition(".")[2] for candidate in known)
-        raise ConfigError(f"{where(spec, 'lane')}: track '{spec.track}' has no lane {spec.lane}; it has {allowed}")
+        raise ConfigError(f"track '{spec.track}' has no lane {spec.lane}; it has {allowed}", where=where(spec, "lane"))
     # On a closed track a station may be given beyond a lap, as by a row of actors.
+    check_station(spec.s, track, where=where(spec, "s"))
     s = float(np.mod(spec.s, track.length)) if track.closed else spec.s
-    if not 0.0 <= s <= track.length:
-        raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the track is {track.length:g} m long")
     return lane, station_on(lane, s)
 
 
@@ -286,12 +291,13 @@ def _path(actor: Actor | FullActor) -> Lane:
     lengths = np.hypot(*legs.T)
     if (lengths < 0.1).any():
         index = int(np.argmin(lengths))
-        raise WorldError(f"{where(spec, 'path', index + 1)}: less than 0.1 m from the point before it")
+        raise WorldError("less than 0.1 m from the point before it", where=where(spec, "path", index + 1))
     # A walker may turn on the spot, a car may not: the smallest radius comes from the actor.
     radius = actor.min_radius if spec.radius is None else spec.radius
     if radius < actor.min_radius:
         raise WorldError(
-            f"{where(spec, 'radius')}: {radius:g} m; the smallest radius of a {spec.actor} is {actor.min_radius:.1f} m"
+            f"{radius:g} m; the smallest radius of a {spec.actor} is {actor.min_radius:.1f} m",
+            where=where(spec, "radius"),
         )
     # Unwrapped, so that the turn at a corner is the smaller of the two possible ones.
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
@@ -303,8 +309,9 @@ def _path(actor: Actor | FullActor) -> Lane:
     if (used > lengths + 1e-9).any():
         index = int(np.argmax(used - lengths))
         raise WorldError(
-            f"{where(spec, 'path', index)}: bends of {radius:.1f} m radius need {used[index]:.1f} m between this "
-            f"corner and the next, which are {lengths[index]:.1f} m apart"
+            f"bends of {radius:.1f} m radius need {used[index]:.1f} m between this "
+            f"corner and the next, which are {lengths[index]:.1f} m apart",
+            where=where(spec, "path", index),
         )
     points, yaw = _with_arcs(corners, headings, turns, cut, radius)
     width = 2.0 * actor.half_width
@@ -318,7 +325,7 @@ def _recorded_path(actor: Actor | FullActor) -> Lane:
         ConfigError: it has steps of a scenario.
     """
     if actor.steps:
-        raise ConfigError(f"{where(actor.steps[0])}: '{actor.name}' is recorded; a scenario has no effect on it")
+        raise ConfigError(f"'{actor.name}' is recorded; a scenario has no effect on it", where=where(actor.steps[0]))
     lane = recorded_path(actor.lane, recorded_rows(actor.spec, actor.rear_axle), 2.0 * actor.half_width)
     return replace(lane, kind="path")
 

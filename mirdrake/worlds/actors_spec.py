@@ -77,6 +77,10 @@ class Condition(Schema):
             raise ValueError(f"kind: {self.kind} needs of: the vehicle or actor that comes near")
         if self.kind == "past" and self.track is None:
             raise ValueError("kind: past needs track, whose station is the value")
+        # Others than these would never hold, or always.
+        least = "above 0" if self.kind in {"distance", "time", "gap_below", "speed_below"} else "0 or more"
+        if self.kind != "past" and (self.value < 0.0 or (self.value == 0.0 and least == "above 0")):
+            raise ValueError(f"{self.value:g}; it must be {least}")
         return self
 
 
@@ -87,7 +91,9 @@ def _condition(data: Any) -> Any:
     text = " ".join(data.split())
     if match := _WITHIN.fullmatch(text):
         of, given = match.groups()
-        # The unit decides: seconds are a time to reach the other one, metres a distance.
+        # The unit decides: seconds are a time to reach the other one, metres a distance. A parameter has none.
+        if re.fullmatch(r"[-+.\deE]+", given):
+            raise ValueError(f"{given} has no unit; write for example '{of} within {given} m', or s for a time")
         kind = "time" if re.search(r"\d\s*(s|ms|min)$", given) else "distance"
         return {"kind": kind, "of": of, "value": _number(given, "s" if kind == "time" else "m")}
     if match := _PAST.fullmatch(text):
@@ -308,10 +314,12 @@ ActorList = Annotated[list[ActorSpec], BeforeValidator(lambda data: data, json_s
 """Actors; JSON Schema sees the entries of a world file."""
 
 
-def conditions(actors: Sequence[ActorSpec], scenario: Mapping[str, Sequence[Step]]) -> Iterator[tuple[str, Condition]]:
-    """Yield the place and the condition of every trigger of a world file that has one."""
-    triggers: list[Trigger] = [actor.starts for actor in actors if actor.starts is not None]
-    triggers += [step for steps in scenario.values() for step in steps]
-    for trigger in triggers:
+def conditions(
+    actors: Sequence[ActorSpec], scenario: Mapping[str, Sequence[Step]]
+) -> Iterator[tuple[str, str, Condition]]:
+    """Yield the place, the actor and the condition of every trigger of a world file that has one."""
+    triggers: list[tuple[str, Trigger]] = [(actor.name, actor.starts) for actor in actors if actor.starts is not None]
+    triggers += [(name, step) for name, steps in scenario.items() for step in steps]
+    for name, trigger in triggers:
         if trigger.when is not None:
-            yield where(trigger, "when"), trigger.when
+            yield where(trigger, "when"), name, trigger.when

@@ -205,7 +205,7 @@ class Arranger:
             except (ConfigError, WorldError) as error:
                 faults.append(str(error))
             if len(drafts) > LARGEST_COUNT:
-                raise ConfigError(f"{where(entry)}: more than {LARGEST_COUNT} props; reduce a count")
+                raise ConfigError(f"more than {LARGEST_COUNT} props; reduce a count", where=where(entry))
 
         # Fixed props are placed first, as random ones avoid them.
         placed_props = _PlacedProps(self._gap, self._may_overlap)
@@ -252,7 +252,7 @@ class Arranger:
         """Yield the props and groups of one entry in a frame."""
         slots = list(entry.layout.slots(entry, self._areas, draw))
         if len(slots) > LARGEST_COUNT:
-            raise ConfigError(f"{where(entry)}: {len(slots)} props; at most {LARGEST_COUNT} are allowed")
+            raise ConfigError(f"{len(slots)} props; at most {LARGEST_COUNT} are allowed", where=where(entry))
         group = self._group(entry, depth)
         random = entry.is_random
         for index, slot in enumerate(slots):
@@ -278,14 +278,15 @@ class Arranger:
             if entry.mass is not None:
                 mass = draw.number(entry.mass, "kg", "mass", entry)
                 if not mass > 0.0:
-                    raise ConfigError(f"{where(entry, 'mass')}: {mass:g} kg; it must be above 0")
+                    raise ConfigError(f"{mass:g} kg; it must be above 0", where=where(entry, "mass"))
                 prop = replace(prop, mass=mass)
             if entry.driven_over is not None:
                 prop = replace(prop, driven_over=entry.driven_over)
             if prop.driven_over and not entry.static:
                 raise ConfigError(
-                    f"{where(entry, 'static')}: false; vehicles drive over '{item.label}', so it is part of the "
-                    "ground: make it static, or set driven_over: false"
+                    f"false; vehicles drive over '{item.label}', so it is part of the "
+                    "ground: make it static, or set driven_over: false",
+                    where=where(entry, "static"),
                 )
             # Walls, posts and trees stay upright on a slope; what can be moved or driven over lies on it.
             inclined = prop.driven_over or not entry.static
@@ -321,7 +322,7 @@ class Arranger:
             if key not in group.params:
                 hint = did_you_mean(key, group.params) if group.params else "it has no parameters"
                 raise ConfigError(
-                    f"{where(entry, 'with', key)}: group '{entry.group}' has no parameter '{key}'; {hint}"
+                    f"group '{entry.group}' has no parameter '{key}'; {hint}", where=where(entry, "with", key)
                 )
         # Parts of a group are placed relative to it; the draws of each come from a stream below that of the group.
         inner = item.pose()
@@ -348,30 +349,30 @@ class Arranger:
             return None
         if depth >= _DEEPEST:
             raise ConfigError(
-                f"{where(entry, 'group')}: more than {_DEEPEST} nested groups; does the group contain itself?"
+                f"more than {_DEEPEST} nested groups; does the group contain itself?", where=where(entry, "group")
             )
         group = self._groups(entry.group)
         if group is None:
             names = self._group_names()
             hint = did_you_mean(entry.group, names) if names else "the world has no groups; add it under groups"
-            raise ConfigError(f"{where(entry, 'group')}: unknown group '{entry.group}'; {hint}")
+            raise ConfigError(f"unknown group '{entry.group}'; {hint}", where=where(entry, "group"))
         return group
 
     def _prop(self, entry: PropEntry, draw: Draw) -> Prop:
         """Return the prop of an entry."""
         scale = draw.number(entry.scale, "", "scale", entry)
         if not 1e-3 <= scale <= 1e3:
-            raise ConfigError(f"{where(entry, 'scale')}: {scale:g}; allowed are 0.001 to 1000")
+            raise ConfigError(f"{scale:g}; allowed are 0.001 to 1000", where=where(entry, "scale"))
         size: Size | None = None
         if entry.size is not None:
             length, width, height = draw.numbers(entry.size, "m", "size", entry)
             if not min(length, width, height) > 0.0:
-                raise ConfigError(f"{where(entry, 'size')}: all three must be above 0 m")
+                raise ConfigError("all three must be above 0 m", where=where(entry, "size"))
             size = (length, width, height)
         # Only props that are written for it keep sensible proportions.
         if size is not None and not entry.shape.resizable:
             raise ConfigError(
-                f"{where(entry, 'size')}: size belongs to a prop that is resizable; change the sides instead"
+                "size belongs to a prop that is resizable; change the sides instead", where=where(entry, "size")
             )
         return entry.shape.make(entry, draw, self._folder, size, scale)
 
@@ -445,7 +446,8 @@ def css_color(name: str, *, where: str = "") -> Color:
 
     if name not in CSS4_COLORS:
         raise ConfigError(
-            f"{where}: unknown colour '{name}'; {did_you_mean(name, CSS4_COLORS)}, or [red, green, blue] from 0 to 1"
+            f"unknown colour '{name}'; {did_you_mean(name, CSS4_COLORS)}, or [red, green, blue] from 0 to 1",
+            where=where,
         )
     red, green, blue = to_rgb(name)
     return red, green, blue
@@ -474,5 +476,5 @@ def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]
             name = key = entry.name
             names[name] = names.get(name, 0) + 1
             if names[name] > 1:
-                raise ConfigError(f"{where(entry, 'name')}: '{name}' is used twice; give each entry its own name")
+                raise ConfigError(f"'{name}' is used twice; give each entry its own name", where=where(entry, "name"))
         yield name, key, entry

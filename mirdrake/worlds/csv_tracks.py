@@ -69,7 +69,7 @@ def read_csv_track(
     name = display_path(path)
     # Written as `not ... <` so that NaN is rejected, too; it fails every comparison.
     if not 0.0 < scale < math.inf:
-        raise ConfigError(f"{name}: scale {scale:g} is not allowed; give the metres per unit of the file, above 0")
+        raise ConfigError(f"scale {scale:g} is not allowed; give the metres per unit of the file, above 0", where=name)
     columns: dict[str, str | int | None] = {"x": x, "y": y, "right": right, "left": left}
 
     # A file without header and with two columns has no widths.
@@ -92,12 +92,13 @@ def read_csv_track(
         # Checked after scaling: a file in mm has large numbers, and becomes a track only with its scale.
         if not np.abs(values[key]).max() <= _FARTHEST:
             row = int(np.argmax(np.abs(values[key])))
-            raise ConfigError(f"{table.row(row)}: {key} is {values[key][row]:g} m; correct it, or set scale")
+            raise ConfigError(f"{key} is {values[key][row]:g} m; correct it, or set scale", where=table.row(row))
         if key in {"right", "left"} and values[key].min() <= 0.0:
             row = int(np.argmin(values[key]))
             raise ConfigError(
-                f"{table.row(row)}: {key} is {values[key][row]:g} m; widths are distances from the centre line to the "
-                "edges and must be above 0"
+                f"{key} is {values[key][row]:g} m; widths are distances from the centre line to the "
+                "edges and must be above 0",
+                where=table.row(row),
             )
 
     # Points in driving order, without repeated ones and jumps.
@@ -106,18 +107,19 @@ def read_csv_track(
     is_repeated = len(points) > 1 and math.dist(points[0], points[-1]) < 1e-6
     points = points[:-1] if is_repeated else points
     if len(points) < 4:
-        raise ConfigError(f"{name}: {plural(len(points), 'point')}; a track needs at least 4, one per line")
+        raise ConfigError(f"{plural(len(points), 'point')}; a track needs at least 4, one per line", where=name)
     chords = np.hypot(*np.diff(points, axis=0).T)
     # The median is robust against the jump that is searched for; the mean would grow with it.
     median = float(np.median(chords))
     for index, chord in enumerate(chords.tolist()):
         where = table.row(index + 1)
         if chord < 1e-6:
-            raise ConfigError(f"{where}: the point of line {lines[index]} is repeated; delete one of them")
+            raise ConfigError(f"the point of line {lines[index]} is repeated; delete one of them", where=where)
         if chord > JUMP[0] or chord > JUMP[1] * median:
             raise ConfigError(
-                f"{where}: jumps {chord:.4g} m from the point before; the median here is {median:.3g} m; sort the "
-                "points in driving order, add the missing ones, or set scale"
+                f"jumps {chord:.4g} m from the point before; the median here is {median:.3g} m; sort the "
+                "points in driving order, add the missing ones, or set scale",
+                where=where,
             )
 
     # Compared with both neighbouring chords as well, because points are often sparser on straights.
@@ -137,7 +139,7 @@ def _read_table(path: Path, name: str, columns: list[str]) -> tuple[Table, bool]
     except (OSError, ValueError):
         size = 0
     if size > _LARGEST:
-        raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB; reduce the number of points")
+        raise ConfigError(f"more than {_LARGEST // 1_000_000} MB; reduce the number of points", where=name)
     table = read_csv(Request(path, columns))
     if table.has_header:
         return table, True
@@ -157,17 +159,19 @@ def _find_column(key: str, column: str | int, table: Table, *, has_header: bool)
     # Numbers select columns also where titles exist.
     if isinstance(column, int) or re.fullmatch(r"-?[0-9]+", column):
         if not 1 <= int(column) <= count:
-            raise ConfigError(f"{where}: {key} is column {column} of {count}; columns are counted from 1")
+            raise ConfigError(f"{key} is column {column} of {count}; columns are counted from 1", where=where)
         return table.names[int(column) - 1]
     without = "" if key in {"x", "y"} else f", or set {key}: null if there is none"
     if has_header:
         hint = did_you_mean(column, table.names)
-        raise ConfigError(f"{where}: no column '{column}'; {hint}; give the column of {key}{without}")
+        raise ConfigError(f"no column '{column}'; {hint}; give the column of {key}{without}", where=where)
     if column != DEFAULT_COLUMNS[key]:
-        raise ConfigError(f"{where}: no column '{column}', because the file has no header; give {key} a number from 1")
+        raise ConfigError(
+            f"no column '{column}', because the file has no header; give {key} a number from 1", where=where
+        )
     position = list(DEFAULT_COLUMNS).index(key)
     if position >= count:
-        raise ConfigError(f"{where}: {count} columns without header; x, y, right and left are expected{without}")
+        raise ConfigError(f"{count} columns without header; x, y, right and left are expected{without}", where=where)
     return table.names[position]
 
 
@@ -178,12 +182,12 @@ def _finite_numbers(key: str, title: str, table: Table) -> Array:
         ConfigError: a cell is not a finite number.
     """
     if table.names.count(title) > 1:
-        raise ConfigError(f"{table.name}: {table.names.count(title)} columns '{title}'; rename one")
+        raise ConfigError(f"{table.names.count(title)} columns '{title}'; rename one", where=table.name)
     cells = pd.Series(np.asarray(table.columns[title]).ravel())
     numbers = as_numbers(cells)
     bad = ~np.isfinite(numbers)
     if bad.any():
         row = int(np.argmax(bad))
         text: str = "" if pd.isna(cells[row]) else f" '{str(cells[row])[:40]}'"
-        raise ConfigError(f"{table.row(row)}: {key}{text} is not a finite number; correct it or delete the line")
+        raise ConfigError(f"{key}{text} is not a finite number; correct it or delete the line", where=table.row(row))
     return numbers

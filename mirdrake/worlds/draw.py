@@ -65,9 +65,9 @@ class Draw:
         number = self.number(value, "", name, spec)
         location = where(spec, *name.partition("[")[0].split("."))
         if not is_random(value) and number != int(number):
-            raise ConfigError(f"{location}: {number:g} is not a whole number")
+            raise ConfigError(f"{number:g} is not a whole number", where=location)
         if not 0 <= number <= largest:
-            raise ConfigError(f"{location}: {number:g} props; allowed are 0 to {largest}")
+            raise ConfigError(f"{number:g} props; allowed are 0 to {largest}", where=location)
         return int(number)
 
     def parameter(self, value: Number | str, name: str, *, location: str) -> Number | str:

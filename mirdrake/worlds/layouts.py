@@ -21,6 +21,7 @@ from mirdrake.core.yaml_io import Schema, where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.regions import NamedAreas, RegionSpec, make_region
 from mirdrake.worlds.schema_types import LARGEST_COUNT, Pair, Value, exactly_one, origin
+from mirdrake.worlds.tracks import find_track
 from mirdrake.worlds.values import Number, is_random
 
 _TRIES = 10_000  # draws of a point in an area, before it is called too thin
@@ -108,7 +109,9 @@ class GridLayout(Schema, Layout):
             draw.count(value, f"count[{i}]", self, largest=LARGEST_COUNT) for i, value in enumerate(self.count)
         )
         if columns * rows > LARGEST_COUNT:
-            raise ConfigError(f"{where(self, 'count')}: {columns * rows} props; at most {LARGEST_COUNT} are allowed")
+            raise ConfigError(
+                f"{columns * rows} props; at most {LARGEST_COUNT} are allowed", where=where(self, "count")
+            )
         for row in range(rows):
             for column in range(columns):
                 yield Slot(x + column * dx, y + row * dy, 0.0, row)
@@ -161,7 +164,7 @@ class AlongLayout(Schema, Layout):
 
     def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
         """Yield the positions, the left one of a pair first."""
-        track = areas.track(self.track, where(self, "track"))
+        track = find_track(self.track, areas.tracks, where=where(self, "track"))
         begin, end = draw.numbers(self.s, "m", "s", self) if self.s is not None else (0.0, track.length)
         # On a closed track a range may run over the start: its end then has the smaller station.
         if track.closed and end < begin:
@@ -231,7 +234,7 @@ def draw_in(area: BaseGeometry, draw: Draw, *, location: str) -> tuple[float, fl
         if hits.size:
             x, y = points[hits[0]]
             return float(x), float(y)
-    raise ConfigError(f"{location}: the region is too thin to draw points in it; make it wider")
+    raise ConfigError("the region is too thin to draw points in it; make it wider", where=location)
 
 
 def _shares(
@@ -245,7 +248,7 @@ def _shares(
         gap = draw.number(spacing, "m", "spacing", spec)
         if not gap > 0.0 or length / gap > LARGEST_COUNT:
             raise ConfigError(
-                f"{where(spec, 'spacing')}: {gap:g} m; it must be above 0 and give at most {LARGEST_COUNT} props"
+                f"{gap:g} m; it must be above 0 and give at most {LARGEST_COUNT} props", where=where(spec, "spacing")
             )
         # The spacing is the largest distance allowed; the tolerance absorbs rounding of the quotient.
         number = math.ceil(length / gap - 1e-9) + (1 if is_open else 0)

@@ -107,7 +107,7 @@ def make_lights(
         if not lines:
             known = [] if network is None else [line.signal for line in network.stop_lines if line.signal]
             hint = f"; {did_you_mean(name, known)}" if known else ""
-            raise ConfigError(f"{where(spec)}: '{name}' controls no stop line; give controls: [TRACK@S]{hint}")
+            raise ConfigError(f"'{name}' controls no stop line; give controls: [TRACK@S]{hint}", where=where(spec))
         programme = spec.programme
         lights[name] = Light(name, programme.green, programme.amber, programme.red, spec.offset, tuple(lines))
     return lights
@@ -131,14 +131,14 @@ def stations_of(
     try:
         s = float(to_si(given, "m"))
     except (TypeError, ValueError):
-        raise ConfigError(f"{place}: '{text}' is not a place on a track; write for example main@58") from None
+        raise ConfigError(f"'{text}' is not a place on a track; write for example main@58", where=place) from None
     # A track controls all of its lanes in its own direction.
     chosen = [lanes[road]] if road in lanes else [
         lane for lane in lanes.values() if lane.road == road and road in tracks and lane.direction > 0
     ]  # fmt: skip
     if not separator or not chosen:
-        raise ConfigError(f"{place}: there is no track or lane '{road}'; {did_you_mean(road, [*tracks, *lanes])}")
+        raise ConfigError(f"there is no track or lane '{road}'; {did_you_mean(road, [*tracks, *lanes])}", where=place)
     track = tracks.get(chosen[0].road)
     if track is not None and not 0.0 <= s <= track.length:
-        raise ConfigError(f"{place}: s = {s:g} m; the track is {track.length:g} m long")
+        raise ConfigError(f"s = {s:g} m; the track is {track.length:g} m long", where=place)
     return [(lane.id, station_on(lane, s) if lane.road in tracks else s) for lane in chosen]

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import shapely
 
-from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.paths import data_root, find
@@ -35,7 +35,7 @@ from mirdrake.worlds.shapes import MESH_SUFFIXES
 from mirdrake.worlds.slab import make_slab
 from mirdrake.worlds.spec import GoalSpec, OnTrackSpec, StartSpec, WorldSpec
 from mirdrake.worlds.track_layout import make_track
-from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.tracks import Track, check_station, find_track
 from mirdrake.worlds.values import Number
 from mirdrake.worlds.world import SURFACE_MU, Goal, Ground, Start, World
 
@@ -228,7 +228,7 @@ def _make_props(
     for index, name in enumerate(spec.include):
         file = folder / name
         if not file.is_file():
-            raise ConfigError(f"{where(spec, 'include', index)}: no such file: {name}")
+            raise ConfigError(f"no such file: {name}", where=where(spec, "include", index))
         included |= load_yaml(file, WorldSpec).groups
     shipped = data_root() / "worlds" / "groups"
 
@@ -255,27 +255,22 @@ def _make_props(
 def _make_patch(spec: PatchSpec, index: int, areas: NamedAreas, draw: Draw) -> Patch:
     name = spec.name or f"patch_{index}"
     if name in areas.patches:
-        raise ConfigError(f"{where(spec, 'name')}: '{name}' is used twice; give each patch its own name")
+        raise ConfigError(f"'{name}' is used twice; give each patch its own name", where=where(spec, "name"))
     mu = draw.number(spec.mu, "", "mu", spec) if spec.mu is not None else SURFACE_MU[spec.surface or "asphalt"]
     if not 0.0 < mu <= 2.0:
-        raise ConfigError(f"{where(spec, 'mu')}: {mu:g}; a friction coefficient is above 0 and at most 2")
+        raise ConfigError(f"{mu:g}; a friction coefficient is above 0 and at most 2", where=where(spec, "mu"))
     return Patch(name, make_region(spec, areas, draw.below(f"ground.patches.{name}")), spec.surface, mu)
 
 
 def _make_goal(name: str, spec: GoalSpec, tracks: Mapping[str, Track]) -> Goal:
     if spec.gate is not None:
-        _check_track(spec.gate.track, tracks, where(spec.gate, "track"))
+        track = find_track(spec.gate.track, tracks, where=where(spec.gate, "track"))
+        check_station(spec.gate.s, track, where=where(spec.gate, "s"))
         return Goal(name, gate=(spec.gate.track, spec.gate.s))
     if spec.laps is not None:
         return Goal(name, laps=spec.laps)
     assert spec.at is not None
     return Goal(name, area=shapely.Point(spec.at).buffer(spec.radius or 1.0))
-
-
-def _check_track(name: str, tracks: Mapping[str, Track], location: str) -> None:
-    if name not in tracks:
-        hint = did_you_mean(name, tracks) if tracks else "the world has no tracks"
-        raise WorldError(f"{location}: unknown track '{name}'; {hint}")
 
 
 def _make_ground(world: WorldSpec, tracks: dict[str, Track], network: Network | None, folder: Path) -> Ground:
@@ -311,19 +306,19 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
         ground.check_position(x, y, where=where(spec, "at"))
         return Start(x, y, wrap_angle(spec.yaw or 0.0), spec.speed)
     on_track = spec.on_track
-    _check_track(on_track.track, tracks, where(spec, "on_track", "track"))
-    track = tracks[on_track.track]
+    track = find_track(on_track.track, tracks, where=where(spec, "on_track", "track"))
     if not 0.0 <= on_track.s <= track.length:
         raise WorldError(
-            f"{where(spec, 'on_track', 's')}: start outside the world: s = {on_track.s:g} m; the track is "
-            f"{track.length:g} m long"
+            f"start outside the world: s = {on_track.s:g} m; the track is {track.length:g} m long",
+            where=where(spec, "on_track", "s"),
         )
     # Both sides may have different widths, which may vary along the track.
     side = track.left_width(on_track.s) if on_track.offset > 0.0 else track.right_width(on_track.s)
     if abs(on_track.offset) > side:
         raise WorldError(
-            f"{where(spec, 'on_track', 'offset')}: start outside the world: {on_track.offset:g} m beside the centre "
-            f"line; the edge of the road is {side:g} m away there; make the offset at most that"
+            f"start outside the world: {on_track.offset:g} m beside the centre "
+            f"line; the edge of the road is {side:g} m away there; make the offset at most that",
+            where=where(spec, "on_track", "offset"),
         )
     x, y, yaw = track.pose_at(on_track.s)
     # Offset to the left of the direction of the track.

@@ -196,7 +196,7 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
         # dump() applies the transforms of the scene, which OBJ files do not have.
         meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except Exception as error:  # readers of mesh files raise many types
-        raise WorldError(f"{name}: is not a mesh that can be read: {first_line(error)}") from None
+        raise WorldError(f"is not a mesh that can be read: {first_line(error)}", where=name) from None
     parts = []
     for mesh in meshes:
         material, uv, picture = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None), None

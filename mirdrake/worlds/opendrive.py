@@ -90,16 +90,16 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     root, places = parse_opendrive(path)
     roads = {element.get("id", ""): element for element in root.iterfind("road")}
     if not roads:
-        raise ConfigError(f"{places[root]}: contains no road")
+        raise ConfigError("contains no road", where=places[root])
     ids = _choose(road, roads, display_path(path))
     parts = [RoadPart(roads[key], lane, places) for key in ids]
     legs, (s, top, bottom), closed = _join(parts)
     where = parts[0].where
     if sum(leg.length for leg in legs) > LONGEST:
-        raise ConfigError(f"{where}: longer than {LONGEST / 1e3:g} km; choose fewer roads")
+        raise ConfigError(f"longer than {LONGEST / 1e3:g} km; choose fewer roads", where=where)
     # A wrong coefficient of a cubic width soon reaches kilometres, which no road has.
     if max(np.abs(top).max(), np.abs(bottom).max()) > _WIDEST:
-        raise ConfigError(f"{where}: lanes reach {_WIDEST:g} m beside the reference line; correct their widths")
+        raise ConfigError(f"lanes reach {_WIDEST:g} m beside the reference line; correct their widths", where=where)
 
     # The centre line is between the edges: on the reference line, or moved by a steady offset, or in their middle.
     left_out = _left_out(root, roads, ids, lane)
@@ -134,7 +134,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
         track = Track(pieces, start=start, closed=closed)
         edges = edges_from_widths(track, points, np.interp(stations, s, left), np.interp(stations, s, right))
     except WorldError as error:
-        raise ConfigError(f"{where}: road '{name}': {error}") from None
+        raise ConfigError(f"road '{name}': {error}", where=where) from None
     return OpenDriveRoad(name, pieces, start, closed, *edges, left_out)
 
 
@@ -151,7 +151,7 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
         ids = [road] if road in roads else [key.strip() for key in str(road).split(",")]
         for key in ids:
             if key not in roads:
-                raise ConfigError(f"{name}: no road '{key}'; {did_you_mean(key, roads)}")
+                raise ConfigError(f"no road '{key}'; {did_you_mean(key, roads)}", where=name)
         return ids
 
     # Roads of junctions overlap each other and cannot be a part of the chain.
@@ -172,8 +172,9 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
     # A road with three neighbours is a branch, even if all roads were visited.
     if len(chain) < len(free) or any(len(neighbours) > 2 for neighbours in beside.values()):
         raise ConfigError(
-            f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2'; "
-            f"{did_you_mean('', free)}"
+            f"its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2'; "
+            f"{did_you_mean('', free)}",
+            where=name,
         )
     return chain
 
@@ -220,8 +221,9 @@ def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Arr
             gap = _miss(legs[-1].end, leg.begin) if legs else (0.0, 0.0)
             if gap[0] > _APART[0] or gap[1] > _APART[1]:
                 raise ConfigError(
-                    f"{leg.where}: begins {gap[0]:.3g} m and {math.degrees(gap[1]):.3g} deg away from the end of the "
-                    f"one before, at {legs[-1].where}; correct x, y, hdg or length, or the order of the roads"
+                    f"begins {gap[0]:.3g} m and {math.degrees(gap[1]):.3g} deg away from the end of the "
+                    f"one before, at {legs[-1].where}; correct x, y, hdg or length, or the order of the roads",
+                    where=leg.where,
                 )
             legs.append(leg)
         stations.append(travelled + (part.length - part.s[::-1] if back else part.s))

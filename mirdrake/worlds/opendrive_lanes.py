@@ -41,7 +41,7 @@ class RoadPart:
         self.legs = [leg for _, leg in lanes.legs]
         self.length = math.fsum(leg.length for leg in self.legs)
         if self.length < _SHORTEST:
-            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; remove it")
+            raise ConfigError(f"road '{self.name}' is {self.length:.3g} m long; remove it", where=self.where)
 
         # Files disagree about where geometries begin: s stated by the file against the sum of the lengths.
         declared = np.array([s for s, _ in lanes.legs])
@@ -50,8 +50,9 @@ class RoadPart:
         for leg, given, travelled in zip(self.legs, declared, real, strict=False):
             if abs(given - travelled) > 1.0 + 0.01 * travelled:
                 raise ConfigError(
-                    f"{leg.where}: <geometry> begins at s = {given:g} m after the first, but the parts before are "
-                    f"{travelled:g} m long; correct s or the lengths"
+                    f"<geometry> begins at s = {given:g} m after the first, but the parts before are "
+                    f"{travelled:g} m long; correct s or the lengths",
+                    where=leg.where,
                 )
         s, self.top, self.bottom = _edges(lanes, lane, float(declared[-1]))
         # Widths are given over the stated s; the track has the real one.
@@ -69,7 +70,7 @@ def _edges(road: RoadLanes, lane: str, length: float) -> tuple[Array, Array, Arr
         numbers = list(section.edges_of(lane))
         if not numbers:
             types = [row.element.get("type", "") for row in section.lanes.values()]
-            raise ConfigError(f"{section.where}: no lane '{lane}' here; {did_you_mean(lane, types)}")
+            raise ConfigError(f"no lane '{lane}' here; {did_you_mean(lane, types)}", where=section.where)
         # The start of a part decides which polynomials hold, because at its end the next ones already do.
         s = np.linspace(begin, end, max(2, math.ceil(end - begin) + 1))
         edges = road.edges(section, s, float(s[0]))

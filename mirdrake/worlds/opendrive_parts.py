@@ -40,7 +40,7 @@ def parse_opendrive(path: Path) -> tuple[Element, Places]:
     document = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
     root = document.root
     if root.tag != "OpenDRIVE":
-        raise ConfigError(f"{document.where(root)}: <{root.tag}> is not OpenDRIVE, whose root is <OpenDRIVE>")
+        raise ConfigError(f"<{root.tag}> is not OpenDRIVE, whose root is <OpenDRIVE>", where=document.where(root))
     return root, {element: document.where(element) for element in document.lines}
 
 
@@ -54,14 +54,16 @@ def number_of(element: Element, key: str, places: Places, default: float | None 
     if text is None and default is not None:
         return default
     if text is None:
-        raise ConfigError(f"{places[element]}: <{element.tag}> has no '{key}'; give it a number")
+        raise ConfigError(f"<{element.tag}> has no '{key}'; give it a number", where=places[element])
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     # `not <=` also rejects NaN, which is the value of a text that is not a number.
     if not abs(value) <= _LARGEST_NUMBER:
-        raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
+        raise ConfigError(
+            f"{key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8", where=places[element]
+        )
     return value
 
 
@@ -129,13 +131,13 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
     where = places[geometry]
     x, y, yaw, length = (number_of(geometry, key, places) for key in ("x", "y", "hdg", "length"))
     if not 0.0 <= length <= LONGEST:
-        raise ConfigError(f"{where}: length {length:g} m of <geometry>; it must be from 0 to {LONGEST:g} m")
+        raise ConfigError(f"length {length:g} m of <geometry>; it must be from 0 to {LONGEST:g} m", where=where)
     if length < 1e-6:
         return None
     shape = next(iter(geometry), None)
     kind = "" if shape is None else shape.tag
     if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
-        raise ConfigError(f"{where}: <geometry> contains '{kind}'; use line, arc, spiral, poly3 or paramPoly3")
+        raise ConfigError(f"<geometry> contains '{kind}'; use line, arc, spiral, poly3 or paramPoly3", where=where)
     # Polynomials have no closed arc length: their pose is a function, sampled at both ends for the checks of joints.
     if kind in {"poly3", "paramPoly3"}:
         pose = _read_polynomial(shape, (x, y, yaw), length, places)
@@ -152,7 +154,7 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
 
     # A curvature given as a radius, or in other units, would give a track of thousands of turns.
     if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
-        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is too large")
+        raise ConfigError(f"curvature {max(first, last, key=abs):g} 1/m of <{kind}> is too large", where=places[shape])
 
     def along(u: Array) -> tuple[Array, Array, Array]:
         return Track([piece], start=(x, y, yaw)).pose(u)
@@ -195,8 +197,9 @@ def _read_polynomial(
     # A length wrong by a factor of two comes from wrong coefficients, not from rounding in the file.
     if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
         raise ConfigError(
-            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> states {length:.4g} m; "
-            "correct the length, the coefficients or pRange"
+            f"<{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> states {length:.4g} m; "
+            "correct the length, the coefficients or pRange",
+            where=places[shape],
         )
     x0, y0, yaw0 = start
     c, s = math.cos(yaw0), math.sin(yaw0)

@@ -341,7 +341,7 @@ def _make_prop(folder: Path, name: str, factors: Size, stamps: tuple[float, ...]
     if spec.visual is not None:
         visual = folder / spec.visual
         if not visual.is_file():
-            raise ConfigError(f"{where(spec, 'visual')}: no such file: {spec.visual}")
+            raise ConfigError(f"no such file: {spec.visual}", where=where(spec, "visual"))
     # Density is kept.
     mass = spec.mass * math.prod(factors)
     return Prop(name, solids, (x, y, z), mass, spec.mu, visual, factors, spec.paint, spec.driven_over)

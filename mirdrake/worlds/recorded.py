@@ -41,7 +41,7 @@ def read_recording(spec: "ActorSpec", folder: Path) -> None:
     rows = np.column_stack((table.numbers(time, place), *found))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0.0).any():
-        raise ConfigError(f"{place}: {table.name}: '{time}' must rise, and have two samples or more")
+        raise ConfigError(f"{table.name}: '{time}' must rise, and have two samples or more", where=place)
     rows[:, 0] -= recorded.begin
     rows[:, 3] = np.unwrap(rows[:, 3])
     recorded.rows = [(t, x, y, yaw) for t, x, y, yaw in rows.tolist()]

@@ -21,7 +21,7 @@ from mirdrake.core.yaml_io import Schema, where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.schema_types import Label, Pair, SurfaceName, Value, exactly_one, given_one, kinds_of, origin
-from mirdrake.worlds.tracks import Offset, Track, offset_at
+from mirdrake.worlds.tracks import Offset, Track, find_track, offset_at
 
 _QUARTER = 16  # segments of a quarter of a disc
 
@@ -45,17 +45,6 @@ class NamedAreas:
 
     tracks: Mapping[str, Track]
     patches: Mapping[str, Patch]
-
-    def track(self, name: str, location: str) -> Track:
-        """Return the track of a name; `place` is ``file:line: path`` for messages.
-
-        Raises:
-            ConfigError: the track does not exist.
-        """
-        if name not in self.tracks:
-            hint = did_you_mean(name, self.tracks) if self.tracks else "the world has no tracks"
-            raise ConfigError(f"{location}: unknown track '{name}'; {hint}")
-        return self.tracks[name]
 
 
 # --- kinds of regions ---------------------------------------------------------------------------------------------
@@ -128,7 +117,7 @@ class BandSpec(Schema, Region):
 
     def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
         """Return the polygon."""
-        track = areas.track(self.track, where(self, "track"))
+        track = find_track(self.track, areas.tracks, where=where(self, "track"))
         left: Offset = track.left_width
         right: Offset = lambda s: -track.right_width(s)  # noqa: E731
         if self.left is not None:
@@ -191,11 +180,11 @@ def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, locati
             return areas.tracks[spec].area
         known = [*areas.patches, *areas.tracks]
         hint = did_you_mean(spec, known) if known else "the world has no patches or tracks; give rect, disc or polygon"
-        raise ConfigError(f"{location}: unknown region '{spec}'; {hint}")
+        raise ConfigError(f"unknown region '{spec}'; {hint}", where=location)
     kind: Region = given_one(spec, kinds_of(RegionSpec, Region))
     polygon = kind.polygon(spec, areas, draw)
     if polygon is None or polygon.is_empty or polygon.area < 1e-9:
-        raise ConfigError(f"{where(spec)}: the region is empty; make its sizes larger than 0")
+        raise ConfigError("the region is empty; make its sizes larger than 0", where=where(spec))
     return polygon
 
 

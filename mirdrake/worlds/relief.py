@@ -26,7 +26,7 @@ import scipy  # it imports its parts when they are first used
 from pydantic import Field, model_validator
 
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.core.yaml_io import Angle, Length, Schema, where
 from mirdrake.ground import Terrain
 from mirdrake.ground.crg_files import CrgRoad, read_crg
@@ -37,7 +37,7 @@ from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.network_relief import NetworkRelief
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.schema_types import exactly_one, given_one
-from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.tracks import Track, find_track
 
 Coordinate = Annotated[Length, Field(ge=-1e6, le=1e6)]
 Heading = Annotated[Angle, Field(ge=-4.0 * math.pi, le=4.0 * math.pi)]
@@ -77,7 +77,7 @@ class _Placed(Schema):
             assert self.at is not None
             return (*self.at, self.yaw)
         place = self.on_track
-        x, y, yaw = _track(place.track, tracks, where(place, "track")).pose_at(place.s)
+        x, y, yaw = find_track(place.track, tracks, where=where(place, "track")).pose_at(place.s)
         return x - place.offset * math.sin(yaw), y + place.offset * math.cos(yaw), yaw + self.yaw
 
 
@@ -160,15 +160,16 @@ class RoadRelief(Schema):
             ConfigError: all entries of a table are outside of a closed track.
             WorldError: a closed track does not return to its height, or two parts of it meet at different heights.
         """
-        track = _track(self.along, tracks, where(self, "along"))
+        track = find_track(self.along, tracks, where=where(self, "along"))
         s = _stations(track, [row[0] for table in (self.elevation, self.grade, self.banking) for row in table or []])
         # A given grade is integrated to heights; a given elevation is interpolated by a smooth curve.
         if self.grade is not None:
             z, slope = _height_of_grade(self.grade, s)
             if track.closed and abs(z[-1] - z[0]) > 0.01:
                 raise WorldError(
-                    f"{where(self, 'grade')}: the closed track '{self.along}' ends {z[-1] - z[0]:.2f} m above its "
-                    "start; make the mean grade zero"
+                    f"the closed track '{self.along}' ends {z[-1] - z[0]:.2f} m above its "
+                    "start; make the mean grade zero",
+                    where=where(self, "grade"),
                 )
         else:
             z, slope = _smooth(self.elevation or [], s, track, where(self, "elevation"))
@@ -201,7 +202,7 @@ class KerbRelief(Schema):
 
     def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
-        track = _track(self.along, tracks, where(self, "along"))
+        track = find_track(self.along, tracks, where=where(self, "along"))
         begin = -math.inf if self.from_ is None else self.from_
         end = math.inf if self.to is None else self.to
         kerb = Kerb(self.side == "left", self.height, self.height / math.tan(self.slope), self.width, begin, end)
@@ -229,7 +230,8 @@ class BumpRelief(_Placed):
         # Both faces must fit into the length; a sine has no faces.
         if top < 0.0:
             raise ConfigError(
-                f"{where(self, 'length')}: {self.length:g} m; two faces of {face:.3g} m need more; make slope steeper"
+                f"{self.length:g} m; two faces of {face:.3g} m need more; make slope steeper",
+                where=where(self, "length"),
             )
         return [Block(self.height, face, top, face, self.width, face, *pose)]
 
@@ -264,8 +266,9 @@ class PotholeRelief(_Placed):
         face = self.depth / math.tan(self.slope)
         if 2.0 * face > min(self.length, self.width):
             raise ConfigError(
-                f"{where(self, 'depth')}: {self.depth:g} m; two faces of {face:.3g} m do not fit into "
-                f"{self.length:g} by {self.width:g} m; make it larger or the slope steeper"
+                f"{self.depth:g} m; two faces of {face:.3g} m do not fit into "
+                f"{self.length:g} by {self.width:g} m; make it larger or the slope steeper",
+                where=where(self, "depth"),
             )
         return [
             Block(-self.depth, face, self.length - 2.0 * face, face, self.width - 2.0 * face, face, *self.pose(tracks))
@@ -427,13 +430,6 @@ def relief_content(specs: Sequence[ReliefSpec], path: Path | None) -> list[Any]:
 # --- roads --------------------------------------------------------------------------------------------------------
 
 
-def _track(name: str, tracks: Mapping[str, Track], place: str) -> Track:
-    if name not in tracks:
-        hint = did_you_mean(name, tracks) if tracks else "the world has no tracks"
-        raise ConfigError(f"{place}: unknown track '{name}'; {hint}")
-    return tracks[name]
-
-
 def _stations(track: Track, tables: Sequence[float]) -> Array:
     """Return stations of a road: where its centre line or a table has a knot, and between them every 2 m."""
     inner = [s for s in tables if 0.0 < s < track.length]
@@ -492,7 +488,9 @@ def _smooth(table: Sequence[tuple[float, float]], s: Array, track: Track, place:
     if track.closed:
         inside = (knots >= 0.0) & (knots < track.length)
         if not inside.any():
-            raise ConfigError(f"{place}: no s is on the closed track '{track.name}', from 0 to {track.length:.4g} m")
+            raise ConfigError(
+                f"no s is on the closed track '{track.name}', from 0 to {track.length:.4g} m", where=place
+            )
         knots, values = knots[inside], values[inside]
         # Three laps, of which the middle one is used: the curve is smooth across the start.
         knots = np.concatenate([knots + lap * track.length for lap in (-1, 0, 1)])
@@ -537,7 +535,8 @@ def _check_meeting(road: Road, track: Track, place: str, name: str) -> None:
             worst = int(np.argmax(np.where(other, weight * step, 0.0)))
             if other[worst] and weight * step[worst] > _STEP_LIMIT:
                 raise WorldError(
-                    f"{place}: {road.embankment:g} m; beside s = {road.s[worst]:.0f} m the track '{name}' meets "
+                    f"{road.embankment:g} m; beside s = {road.s[worst]:.0f} m the track '{name}' meets "
                     f"itself at s = {nearest[worst]:.0f} m with a step of {weight * step[worst]:.2f} m; make the "
-                    "embankment shorter"
+                    "embankment shorter",
+                    where=place,
                 )

@@ -12,6 +12,7 @@ from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import NamedAreas, make_region
 from mirdrake.worlds.rules_spec import DrivableSpec, KeepClearSpec, PlacementRuleSpec, RuleSpec
+from mirdrake.worlds.tracks import find_track
 from mirdrake.worlds.world import Goal, Start
 
 _SLACK = 1e-9  # [m]
@@ -100,7 +101,7 @@ class Rules:
         self.on_ground: list[GroundTolerance] = []
         self.clear: list[BaseGeometry] = []
         self._areas: list[_AreaRule] = []
-        self._pairs: list[tuple[str, str]] = []
+        self._pairs: list[tuple[str, str, str]] = []
         for index, spec in enumerate(specs):
             below = draw.below(f"rules.{index}")
             # Areas of keep_clear are kept twice: as a rule for placing props, and for the checks of the finished world.
@@ -115,7 +116,7 @@ class Rules:
                 ground = spec.on_ground
                 self.on_ground.append(GroundTolerance(ground.props, ground.tolerance, where(ground)))
             if spec.allow_overlap is not None:
-                self._pairs.append((spec.allow_overlap[0], spec.allow_overlap[1]))
+                self._pairs.append((spec.allow_overlap[0], spec.allow_overlap[1], where(spec, "allow_overlap")))
             if spec.drivable is not None:
                 _check_drivable(spec.drivable, starts, goals)
                 self.drivable.append(spec.drivable)
@@ -131,7 +132,7 @@ class Rules:
         """Return whether two props may touch each other."""
         return any(
             (a.is_called(first) and b.is_called(second)) or (a.is_called(second) and b.is_called(first))
-            for first, second in self._pairs
+            for first, second, _ in self._pairs
         )
 
     def broken(self, props: Sequence[PlacedProp]) -> list[str]:
@@ -145,6 +146,7 @@ class Rules:
         # A pattern that matches nothing is a misspelt name.
         patterns = [(area.props, area.where) for area in self._areas]
         patterns += [(rule.props, rule.where) for rule in self.on_ground]
+        patterns += [(name, location) for *pair, location in self._pairs for name in pair]
         names = sorted({prop.name.partition("[")[0] for prop in props})
         faults += [
             f"{location}: no prop is called '{pattern}'; {did_you_mean(pattern, names)}"
@@ -159,7 +161,7 @@ class Rules:
 
 def _check_drivable(spec: DrivableSpec, starts: Mapping[str, Start], goals: Mapping[str, Goal]) -> None:
     for name in sorted(set(starts) & set(goals) & {spec.from_, spec.to}):
-        raise ConfigError(f"{where(spec)}: '{name}' is a start and a goal; rename one of them")
+        raise ConfigError(f"'{name}' is a start and a goal; rename one of them", where=where(spec))
     _point(spec.from_, starts, goals, where(spec, "from"))
     _point(spec.to, starts, goals, where(spec, "to"))
 
@@ -173,7 +175,7 @@ def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], lo
         centre = goal.area.centroid
         return centre.x, centre.y
     known = [*starts, *(name for name, goal in goals.items() if goal.area is not None)]
-    raise ConfigError(f"{location}: no start or goal with an area is called '{name}'; {did_you_mean(name, known)}")
+    raise ConfigError(f"no start or goal with an area is called '{name}'; {did_you_mean(name, known)}", where=location)
 
 
 def _keep_clear(
@@ -194,7 +196,7 @@ def _keep_clear(
         area = shapely.LineString(ends).buffer(spec.width / 2.0, cap_style="flat")
         fault = f"is between '{spec.along.from_}' and '{spec.along.to}'"
     else:
-        track = areas.track(spec.track or "", where(spec, "track"))
+        track = find_track(spec.track or "", areas.tracks, where=where(spec, "track"))
         margin = spec.margin or 0.0
         area = track.band(lambda s: -track.right_width(s) - margin, lambda s: track.left_width(s) + margin)
         fault = f"is on track '{spec.track}'"

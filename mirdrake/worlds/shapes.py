@@ -137,8 +137,9 @@ class FileShape(RootModel[str], PropShape):
             return load_prop(f"{resolved(path)}/", scale=scale, where=location)
         if path.suffix.lower() not in MESH_SUFFIXES or not path.is_file():
             raise ConfigError(
-                f"{location}: no prop at '{self.root}'; give a folder with a prop.yaml, or a .gltf, .glb or .obj file, "
-                "relative to the world file"
+                f"no prop at '{self.root}'; give a folder with a prop.yaml, or a .gltf, .glb or .obj file, "
+                "relative to the world file",
+                where=location,
             )
         return make_mesh_prop(resolved(path), scale=scale, where=location)
 

@@ -83,11 +83,12 @@ def make_track(
     total = math.fsum(piece.length for piece in line.pieces)
     # Checked before the track is laid out, which takes time and memory proportional to the length.
     if not 0.1 <= total <= _LONGEST:
-        raise WorldError(f"{where(spec)}: {total:g} m long; allowed are 0.1 m to 100 km")
+        raise WorldError(f"{total:g} m long; allowed are 0.1 m to 100 km", where=where(spec))
     if max(abs(start[0]), abs(start[1])) > _FARTHEST:
         raise WorldError(
-            f"{where(spec)}: starts at ({start[0]:g}, {start[1]:g}) m, too far from the origin; set start to move it, "
-            "for example start: {at: [0, 0]}"
+            f"starts at ({start[0]:g}, {start[1]:g}) m, too far from the origin; set start to move it, "
+            "for example start: {at: [0, 0]}",
+            where=where(spec),
         )
     track = _lay(spec, line, total, name)
     # Only lines through given points may be changed; exact ones are the intention of the author.
@@ -165,7 +166,7 @@ def _from_segments(spec: TrackSpec) -> _CentreLine:
     pieces = _solve_auto_lines(spec, [piece for segment in spec.segments or () for piece in segment.pieces])
     total = math.fsum(piece.length for piece in pieces)
     if not 0.1 <= (spec.length or total) <= _LONGEST:
-        raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; allowed are 0.1 m to 100 km")
+        raise WorldError(f"{spec.length or total:g} m long; allowed are 0.1 m to 100 km", where=where(spec))
     # Scaling keeps all angles, so that a closed track remains closed.
     if spec.length is not None and abs(spec.length / total - 1.0) > 1e-12:
         scale = spec.length / total
@@ -175,11 +176,11 @@ def _from_segments(spec: TrackSpec) -> _CentreLine:
 
 def _from_random(spec: TrackSpec, random: RandomTrackSpec, seed: int, name: str) -> _CentreLine:
     if spec.closed is False:
-        raise WorldError(f"{where(spec, 'closed')}: a random track is closed; leave out closed: false")
+        raise WorldError("a random track is closed; leave out closed: false", where=where(spec, "closed"))
     try:
         pieces, start = random_pieces(random, seed=seed, name=name)
     except WorldError as error:
-        raise WorldError(f"{where(spec, 'random')}: {error}") from None
+        raise WorldError(str(error), where=where(spec, "random")) from None
     return _CentreLine(pieces, start, closed=True)
 
 
@@ -195,7 +196,7 @@ def _from_points(spec: TrackSpec) -> _CentreLine:
         _check_extent(points)
         return replace(lay(0.0, math.inf), smoothed=lay)
     except WorldError as error:
-        raise WorldError(f"{where(spec, 'points')}: {error}") from None
+        raise WorldError(str(error), where=where(spec, "points")) from None
 
 
 def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
@@ -203,7 +204,7 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
 
     path, location = _find_file(csv, folder, "csv"), where(spec, "csv")
     if (csv.right is None) != (csv.left is None):
-        raise ConfigError(f"{location}: right and left belong together; name both columns, or set both null")
+        raise ConfigError("right and left belong together; name both columns, or set both null", where=location)
     columns = {"x": csv.x, "y": csv.y, "right": csv.right, "left": csv.left}
     try:
         table = read_csv_track(path, **columns, scale=csv.scale)  # type: ignore[arg-type]
@@ -233,9 +234,9 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
 
         return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
-        raise ConfigError(f"{location}: {error}") from None
+        raise ConfigError(str(error), where=location) from None
     except WorldError as error:
-        raise WorldError(f"{location}: {display_path(path)}: {error}") from None
+        raise WorldError(f"{display_path(path)}: {error}", where=location) from None
 
 
 def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
@@ -243,7 +244,7 @@ def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
     try:
         road = read_opendrive(path, road=None if xodr.road is None else str(xodr.road), lane=str(xodr.lane))
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, 'xodr')}: {error}") from None
+        raise ConfigError(str(error), where=where(spec, "xodr")) from None
     closed = road.closed if spec.closed is None else spec.closed
     edges = road.edges if not closed or road.closed else None  # a gap is reported before widths are compared
     return _CentreLine(road.pieces, road.start, closed, edges, notes=tuple(road.left_out))
@@ -252,7 +253,7 @@ def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
 def _from_route(spec: TrackSpec, route: RouteSpec, network: Network | None) -> _CentreLine:
     if network is None:
         raise WorldError(
-            f"{where(spec, 'route')}: the world has no network; add for example network: {{xodr: town.xodr}}"
+            "the world has no network; add for example network: {xodr: town.xodr}", where=where(spec, "route")
         )
     start, goal = (
         find_place(network, place, where=where(route, key)) for key, place in (("from", route.from_), ("to", route.to))
@@ -265,7 +266,7 @@ def _from_route(spec: TrackSpec, route: RouteSpec, network: Network | None) -> _
         bare = Track(pieces, start=pose)
         edges = edges_from_widths(bare, found.points, found.width / 2.0, found.width / 2.0)
     except WorldError as error:
-        raise WorldError(f"{where(spec, 'route')}: {error}") from None
+        raise WorldError(str(error), where=where(spec, "route")) from None
     return _CentreLine(pieces, pose, closed=False, edges=edges)
 
 
@@ -283,7 +284,7 @@ def _find_file(spec: CsvSpec | XodrSpec, folder: Path, suffix: str) -> Path:
     except (OSError, ValueError):  # a name that is too long, or contains a zero byte
         beside = []
     hint = did_you_mean(Path(spec.file).name, beside) if beside else "give its path relative to the world file"
-    raise ConfigError(f"{where(spec, 'file')}: no such file: {spec.file[:200]!r}; {hint}")
+    raise ConfigError(f"no such file: {spec.file[:200]!r}; {hint}", where=where(spec, "file"))
 
 
 def _check_extent(points: Array) -> None:
@@ -318,15 +319,15 @@ def _edges_of(spec: TrackSpec, widths: list[tuple[float, float]], length: float,
     s, width = np.array(widths).T
     if s[-1] > length * (1.0 + 1e-9):
         index = int(np.argmax(s > length))
-        raise WorldError(f"{where(spec, 'width', index)}: s = {s[index]:g} m; the track is {length:.6g} m long")
+        raise WorldError(f"s = {s[index]:g} m; the track is {length:.6g} m long", where=where(spec, "width", index))
     # The station may exceed the end by rounding only; see the check above.
     s = np.minimum(s, length)
     # The last entry of a closed track is the first one again, and `interp` with a period adds it itself.
     if closed and s[0] == 0.0 and s[-1] >= length * (1.0 - 1e-9):
         if abs(width[0] - width[-1]) > 1e-6:
             raise WorldError(
-                f"{where(spec, 'width')}: {width[0]:g} m at s = 0 and {width[-1]:g} m at the end of a closed track; "
-                "make them equal"
+                f"{width[0]:g} m at s = 0 and {width[-1]:g} m at the end of a closed track; make them equal",
+                where=where(spec, "width"),
             )
         s, width = s[:-1], width[:-1]
     stations = np.unique(np.concatenate(([0.0], s, [length])))
@@ -347,16 +348,18 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
             "make the angles add up to 360 deg and set two lines that are not parallel to auto, or set closed: false"
         )
         raise WorldError(
-            f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
-            f"0.01 deg; {advice if spec.segments is not None else 'leave out closed: true'}"
+            f"does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
+            f"0.01 deg; {advice if spec.segments is not None else 'leave out closed: true'}",
+            where=where(spec),
         )
 
     # With a constant width the sharpest bend decides, wherever it is.
     if not is_varying and track.min_radius <= track.width / 2.0:
         nearest = line.near(track.sharpest())
         raise WorldError(
-            f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m{nearest}, width "
-            f"{track.width:.3g} m; make the radius larger than half the width"
+            f"the inner edge folds: smallest radius {track.min_radius:.3g} m{nearest}, width "
+            f"{track.width:.3g} m; make the radius larger than half the width",
+            where=where(spec),
         )
 
     # With a varying width the product of curvature and distance of the inner edge decides.
@@ -373,15 +376,16 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
         first, second = crossing
         x, y, _ = track.pose_at(first)
         raise WorldError(
-            f"{where(spec)}: crosses itself at ({x:.4g}, {y:.4g}) m: s = {first:.4g} m{line.near(first)} and "
-            f"{second:.4g} m{line.near(second)}; correct it, or set crossing: true for a figure of eight"
+            f"crosses itself at ({x:.4g}, {y:.4g}) m: s = {first:.4g} m{line.near(first)} and "
+            f"{second:.4g} m{line.near(second)}; correct it, or set crossing: true for a figure of eight",
+            where=where(spec),
         )
     if spec.expected_length is not None and abs(track.length - spec.expected_length[0]) > spec.expected_length[1]:
         expected, tolerance = spec.expected_length
         how = "change a segment, or let `length` scale it" if spec.segments is not None else "correct the points"
         raise WorldError(
-            f"{where(spec, 'expected_length')}: the track is {track.length:.6f} m long; expected are {expected:g} +- "
-            f"{tolerance:g} m; {how}"
+            f"the track is {track.length:.6f} m long; expected are {expected:g} +- {tolerance:g} m; {how}",
+            where=where(spec, "expected_length"),
         )
 
 
@@ -426,14 +430,15 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     needed = 2 if spec.length is None else 3
     if not spec.closed or len(auto_lines) not in (2, needed):
         raise WorldError(
-            f"{location}: {len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
-            "an open one cannot have any"
+            f"{len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
+            "an open one cannot have any",
+            where=location,
         )
 
     # The other pieces determine the gap and the headings of the auto lines, which do not depend on their lengths.
     rest = [piece for piece in pieces if piece.length > 0.0]
     if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
-        raise WorldError(f"{location}: give other segments beside the auto lines, of 100 km at most")
+        raise WorldError("give other segments beside the auto lines, of 100 km at most", where=location)
     track = Track(rest)
     # Lines do not turn, so that headings are known before their lengths.
     yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[auto_lines]
@@ -446,13 +451,14 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     # Nearly parallel lines would need huge lengths of opposite sign.
     if np.linalg.cond(matrix) > 1e6:
         raise WorldError(
-            f"{location}: the auto lines cannot close the track because they are parallel; choose other ones"
+            "the auto lines cannot close the track because they are parallel; choose other ones", where=location
         )
     lengths = np.linalg.solve(matrix, target)
     if (lengths <= 0.0).any():
         text = ", ".join(f"{length:.3f}" for length in lengths)
         raise WorldError(
-            f"{location}: auto lines would need lengths of {text} m; change the other segments so that all are positive"
+            f"auto lines would need lengths of {text} m; change the other segments so that all are positive",
+            where=location,
         )
     result = list(pieces)
     for index, length in zip(auto_lines, lengths.tolist(), strict=True):

@@ -1,14 +1,14 @@
 """Roads: a centre line, the distances of its edges, and the area between them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import WorldError
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.worlds.curve import Curve
 from mirdrake.worlds.pieces import Array, Piece, Placement
 
@@ -197,29 +197,32 @@ class Track(Curve):
         if s.ndim != 1 or len(s) < 2 or s.shape != left.shape or s.shape != right.shape:
             shapes = ", ".join(str(values.shape) for values in (s, left, right))
             raise WorldError(
-                f"{where}: shapes {shapes}; give s, left and right with one value each per station, two or more"
+                f"shapes {shapes}; give s, left and right with one value each per station, two or more", where=where
             )
         if not all(np.isfinite(values).all() for values in (s, left, right)):
-            raise WorldError(f"{where}: some values are not finite; give numbers in m")
+            raise WorldError("some values are not finite; give numbers in m", where=where)
         # Lengths come from sums of many pieces: a relative tolerance allows for their rounding.
         slack = 1e-6 * max(1.0, self.length)
         if abs(s[0]) > slack or abs(s[-1] - self.length) > slack:
-            raise WorldError(f"{where}: s goes from {s[0]:g} to {s[-1]:g} m; make it go from 0 to {self.length:.6f} m")
+            raise WorldError(
+                f"s goes from {s[0]:g} to {s[-1]:g} m; make it go from 0 to {self.length:.6f} m", where=where
+            )
         s[0], s[-1] = 0.0, self.length
         if (np.diff(s) <= 0.0).any():
             i = int(np.argmax(np.diff(s) <= 0.0))
             raise WorldError(
-                f"{where}: s does not increase from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once"
+                f"s does not increase from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once", where=where
             )
         # The edges of a closed track have to meet at the start.
         for side, values in (("left", left), ("right", right)):
             if values.min() <= 0.0:
                 i = int(np.argmin(values))
-                raise WorldError(f"{where}: {side} is {values[i]:g} m at s = {s[i]:g} m; make it more than 0")
+                raise WorldError(f"{side} is {values[i]:g} m at s = {s[i]:g} m; make it more than 0", where=where)
             if self.closed and abs(values[-1] - values[0]) > 1e-6:
                 raise WorldError(
-                    f"{where}: {side} is {values[0]:g} m at the start and {values[-1]:g} m at the end of a closed "
-                    "track; make them equal"
+                    f"{side} is {values[0]:g} m at the start and {values[-1]:g} m at the end of a closed "
+                    "track; make them equal",
+                    where=where,
                 )
         return s, left, right
 
@@ -273,3 +276,30 @@ def _union_of_strips(a: Array, b: Array) -> BaseGeometry:
     # Strips of 20 steps: the union of single quadrilaterals takes far longer.
     strips = [shapely.Polygon(np.vstack((a[i : i + 21], b[i : i + 21][::-1]))) for i in range(0, len(a) - 1, 20)]
     return shapely.union_all(shapely.make_valid(strips), grid_size=1e-6)
+
+
+def find_track(name: str, tracks: Mapping[str, Track], *, where: str) -> Track:
+    """Return the track of a name.
+
+    Args:
+        name: the name.
+        tracks: tracks by name.
+        where: place of the name, for errors.
+
+    Raises:
+        ConfigError: there is no such track.
+    """
+    if name not in tracks:
+        hint = did_you_mean(name, tracks) if tracks else "the world has no tracks"
+        raise ConfigError(f"unknown track '{name}'; {hint}", where=where)
+    return tracks[name]
+
+
+def check_station(s: float, track: Track, *, where: str) -> None:
+    """Check that a track has a station [m]; those of a closed track repeat with every lap.
+
+    Raises:
+        ConfigError: it is before the begin or behind the end of an open track.
+    """
+    if not track.closed and not 0.0 <= s <= track.length:
+        raise ConfigError(f"s = {s:g} m; the track is {track.length:g} m long", where=where)

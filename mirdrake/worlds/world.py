@@ -117,8 +117,9 @@ class Ground:
         xmin, ymin, xmax, ymax = self.extent
         if not (xmin <= x <= xmax and ymin <= y <= ymax):
             raise WorldError(
-                f"{where}: start outside the world: ({x:g}, {y:g}) m; the ground extends from "
-                f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size"
+                f"start outside the world: ({x:g}, {y:g}) m; the ground extends from "
+                f"({xmin:g}, {ymin:g}) to ({xmax:g}, {ymax:g}) m; move the start or set ground.size",
+                where=where,
             )
 
 

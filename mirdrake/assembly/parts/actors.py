@@ -10,9 +10,7 @@ from mirdrake.assembly.parts.sensors import cameras_of
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.controllers.traffic_driver import TrafficDriverSpec
-from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
-from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts
 
 TRAFFIC = "traffic"
@@ -32,11 +30,6 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
     on_ways = {lane for vehicle in vehicles.values() for lane in track_lanes(world, vehicle.track)}
     if not (world.actors or world.full_actors or (on_ways and on_ways & {way.lane for way in world.ways})):
         return None
-    for actor in world.actors:
-        if actor.name in parts.vehicles:
-            raise ConfigError(
-                f"{where(actor.spec, 'name')}: '{actor.name}' is the name of a vehicle of the diagram; rename the actor"
-            )
     size = plant.get_state_output_port().size()
     # Cameras see actors at any time; otherwise poses are only drawn, and are not computed in every step of the plant.
     drawn = bool(cameras_of(spec, {name: part.vehicle for name, part in parts.vehicles.items()}))

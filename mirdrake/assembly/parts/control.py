@@ -72,7 +72,7 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
     except ConfigError as error:
         # The line of the block: a file may replace several.
         block = [f"{prefix}{error.path[0]}"] if error.path else []
-        raise ConfigError(f"{where(spec, 'systems', *block)}: {error.text}") from None
+        raise ConfigError(error.text, where=where(spec, "systems", *block)) from None
     wiring.add(f"{part.name}.control", control.diagram)
     wiring.blocks[f"{part.name}.control"] = control
     for name, port in control.outputs.items():

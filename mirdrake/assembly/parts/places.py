@@ -38,6 +38,7 @@ def check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Map
         width = min(vehicles[name].geometry.rear_track for name in (first, second))
         if hypot(a.x - b.x, a.y - b.y) < width:
             raise ConfigError(
-                f"{where(spec, 'vehicles', second, 'start')}: '{second}' starts at the place of '{first}', at "
-                f"({b.x:g}, {b.y:g}) m; give each vehicle a start of its own"
+                f"'{second}' starts at the place of '{first}', at "
+                f"({b.x:g}, {b.y:g}) m; give each vehicle a start of its own",
+                where=where(spec, "vehicles", second, "start"),
             )

@@ -24,15 +24,15 @@ def check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
             place = where(spec, "sensors", name, index)
             if sensor not in mounts:
                 raise ConfigError(
-                    f"{place}: {vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}"
+                    f"{vehicles[name].name} has no sensor '{sensor}'; {did_you_mean(sensor, mounts)}", where=place
                 )
             if sensor in names[:index]:
-                raise ConfigError(f"{place}: '{sensor}' is named twice; once is enough")
+                raise ConfigError(f"'{sensor}' is named twice; once is enough", where=place)
     # Cameras are recorded all together, so at least one must be in use.
     if spec.record.cameras and not cameras_of(spec, vehicles):
         raise ConfigError(
-            f"{where(spec, 'record', 'cameras')}: no camera is in use; name one under sensors, "
-            "for example sensors: {ego: [front_camera]}"
+            "no camera is in use; name one under sensors, for example sensors: {ego: [front_camera]}",
+            where=where(spec, "record", "cameras"),
         )
 
 
@@ -62,8 +62,9 @@ def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
         name = f"{part.name}.{sensor}"
         if name in wiring.systems or name in wiring.sources:
             raise ConfigError(
-                f"{where(spec, 'sensors', part.name, index)}: '{name}' is the name of an output of every vehicle; "
-                f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
+                f"'{name}' is the name of an output of every vehicle; "
+                f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}",
+                where=where(spec, "sensors", part.name, index),
             )
         # Rendering takes longer than everything else: a camera is added only if its pictures are used.
         unread = not any(source.startswith(f"{name}.") for source, _, _ in connections_of(spec))

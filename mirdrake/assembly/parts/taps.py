@@ -181,7 +181,7 @@ def _add_chosen_taps(
         names = [name for name, elements in columns.items() if is_chosen(pattern, name, elements)]
         if not names:
             place, near = where(spec, "record", "signals", index), did_you_mean(pattern, columns)
-            raise ConfigError(f"{place}: no signal matches '{pattern}'; {near}. `mirdrake ports` lists all")
+            raise ConfigError(f"no signal matches '{pattern}'; {near}. `mirdrake ports` lists all", where=place)
         chosen |= dict.fromkeys(name for name in names if name not in known)
 
     # A sink for each group keeps the number of systems small: hundreds of signals would slow the simulation.

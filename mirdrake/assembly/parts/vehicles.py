@@ -108,8 +108,9 @@ def add_vehicle_systems(
     if driver.HasOutputPort("pedals"):  # the driver computes the pedal positions
         if powertrain is None:
             raise ConfigError(
-                f"{place}: this driver presses pedals, but {part.vehicle.name} has none; use a vehicle with a "
-                "wheel_speed of kind pedals in control.yaml, and not parked"
+                f"this driver presses pedals, but {part.vehicle.name} has none; use a vehicle with a "
+                "wheel_speed of kind pedals in control.yaml, and not parked",
+                where=place,
             )
         wiring.sources[f"{name}.driver_pedals"] = (driver.GetOutputPort("pedals"), PEDALS)
         # The first default of an input wins: pedals of the driver come before those of the control unit.

@@ -175,4 +175,4 @@ class HoldLaneSpec(Driver):
         try:
             return HoldLane(vehicle, find_track(world, self.track), self)
         except ConfigError as error:
-            raise ConfigError(f"{self.place('track', where)}: {error}") from None
+            raise ConfigError(str(error), where=self.place("track", where)) from None

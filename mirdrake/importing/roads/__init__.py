@@ -67,7 +67,7 @@ def import_road_world(
     """
     source = Path(path)
     if not source.is_file():
-        raise ConfigError(f"{display_path(source)}: no such file")
+        raise ConfigError("no such file", where=display_path(source))
     if name is not None:
         check_name(name)
     name = name or plain_name(source.stem)

@@ -73,7 +73,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     try:
         step = float(root.get("timeStepSize", "0.1"))
     except ValueError:
-        raise ConfigError(f"{document.where(root)}: timeStepSize should be a number in s") from None
+        raise ConfigError("timeStepSize should be a number in s", where=document.where(root)) from None
     recorded, actors = [e for e in obstacles if e not in static], []
     for element in recorded:
         table = _states(element, step, document)

@@ -67,14 +67,14 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     """
     degrees, lines = _read_gpx(source) if source.suffix.lower() == ".gpx" else _read_csv(source)
     if len(degrees) < 4:
-        raise ConfigError(f"{display_path(source)}: {plural(len(degrees), 'position')}; a track needs four or more")
+        raise ConfigError(f"{plural(len(degrees), 'position')}; a track needs four or more", where=display_path(source))
     # The map is flat: heights are zero here and become a relief along the track.
     east, north, _ = pymap3d.geodetic2enu(degrees[:, 0], degrees[:, 1], 0.0, degrees[0, 0], degrees[0, 1], 0.0)
     places, indices = _thinned(np.column_stack((east, north)))
     made = RoadWorld("", [source], entries=1)
     if len(places) < 4:
         raise ConfigError(
-            f"{display_path(source)}: the positions are within {_APART:g} m of each other; a track needs four"
+            f"the positions are within {_APART:g} m of each other; a track needs four", where=display_path(source)
         )
     # Positions far apart, such as the turns of a route, do not tell where the road between them is.
     chords = np.hypot(*np.diff(places, axis=0).T)
@@ -130,7 +130,7 @@ def _read_gpx(source: Path) -> tuple[Array, list[int]]:
     data = read_xml_bytes(source, largest=_LARGEST, error=ConfigError, advice="cut out the part that is needed")
     document = parse_xml(data, display_path(source), error=ConfigError, prefixes=False)
     if document.root.tag != "gpx":
-        raise ConfigError(f"{document.where(document.root)}: <{document.root.tag}> is not GPX, whose root is <gpx>")
+        raise ConfigError(f"<{document.root.tag}> is not GPX, whose root is <gpx>", where=document.where(document.root))
     # A file may contain tracks, routes and single waypoints: the longest list is the line.
     lists = [list(track.iterfind("trkseg/trkpt")) for track in document.root.iterfind("trk")]
     lists += [list(route.iterfind("rtept")) for route in document.root.iterfind("rte")]
@@ -142,7 +142,7 @@ def _read_gpx(source: Path) -> tuple[Array, list[int]]:
             return float(point.get("lat", "")), float(point.get("lon", "")), float(height or "nan")
         except ValueError:
             raise ConfigError(
-                f"{document.where(point)}: lat and lon of <{point.tag}> should be numbers in deg"
+                f"lat and lon of <{point.tag}> should be numbers in deg", where=document.where(point)
             ) from None
 
     rows = np.array([read(point) for point in points], dtype=float).reshape(-1, 3)
@@ -157,8 +157,9 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
     # Without a header the columns could be anything; a guess could exchange latitude and longitude.
     if columns["latitude"] is None or columns["longitude"] is None:
         raise ConfigError(
-            f"{table.name}: no columns of latitude and longitude; name them lat and lon [deg], or give a CSV file in "
-            "metres to a track of a world: csv: {file: ...}"
+            "no columns of latitude and longitude; name them lat and lon [deg], or give a CSV file in "
+            "metres to a track of a world: csv: {file: ...}",
+            where=table.name,
         )
     lines = [] if table.lines is None else table.lines.tolist()
     missing = np.full(len(lines), math.nan)
@@ -228,8 +229,9 @@ def _smallest(places: Array, closed: bool, name: str) -> tuple[float, list[Piece
         low, high = high, 2.0 * high
         if high > _LARGEST_SMOOTH:
             raise ConfigError(
-                f"{name}: no smoothing up to {_LARGEST_SMOOTH:g} m gives radii of {_RADIUS:g} m or more; remove "
-                "standstills, turns on the spot and outliers"
+                f"no smoothing up to {_LARGEST_SMOOTH:g} m gives radii of {_RADIUS:g} m or more; remove "
+                "standstills, turns on the spot and outliers",
+                where=name,
             )
     # Six halvings: the result is within 1/64 of the interval, far finer than the noise.
     for _ in range(6):

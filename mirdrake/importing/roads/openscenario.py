@@ -44,7 +44,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
             logic = scenario.root.find("RoadNetwork/LogicFile")
             place = scenario.where(scenario.root if logic is None else logic)
             raise ConfigError(
-                f"{place}: no such file: '{map_file.name}'; put the road network where the scenario names it"
+                f"no such file: '{map_file.name}'; put the road network where the scenario names it", where=place
             )
         network = read_network(map_file)
         made.sources.append(map_file)

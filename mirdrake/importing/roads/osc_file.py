@@ -68,9 +68,11 @@ class Scenario:
         self.document: XmlDocument = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
         self.root = self.document.root
         if self.root.tag != "OpenSCENARIO":
-            raise ConfigError(f"{self.where(self.root)}: <{self.root.tag}> is not OpenSCENARIO")
+            raise ConfigError(f"<{self.root.tag}> is not OpenSCENARIO", where=self.where(self.root))
         if self.root.find("Storyboard") is None:
-            raise ConfigError(f"{self.where(self.root)}: no <Storyboard>; catalogues and variations are not scenarios")
+            raise ConfigError(
+                "no <Storyboard>; catalogues and variations are not scenarios", where=self.where(self.root)
+            )
         self.parameters = {
             element.get("name", ""): element.get("value", "")
             for element in self.root.iterfind("ParameterDeclarations/ParameterDeclaration")
@@ -99,14 +101,14 @@ class Scenario:
         for name in names:
             if name not in self.parameters:
                 hint = did_you_mean(name, self.parameters)
-                raise ConfigError(f"{self.where(element)}: unknown parameter '{name}' in {key}; {hint}")
+                raise ConfigError(f"unknown parameter '{name}' in {key}; {hint}", where=self.where(element))
         values = {name: self._resolved(self.parameters[name].strip(), element, key, depth + 1) for name in names}
         if match:
             return values[match[1]]
         # The expressions of world files are the same arithmetic, but a few forms are random there.
         text, where = value[2:-1], f"{self.where(element)}: {key}"
         if is_random(text):
-            raise ConfigError(f"{where}: '{value[:60]}' is not arithmetic on parameters (+ - * / and brackets)")
+            raise ConfigError(f"'{value[:60]}' is not arithmetic on parameters (+ - * / and brackets)", where=where)
         numbers = {name: _number_or_text(text) for name, text in values.items()}
         return str(evaluate(text, parameters=numbers, stream=Stream(0, ""), where=where))
 
@@ -125,7 +127,7 @@ class Scenario:
             result = math.nan
         # The comparison is false for NaN, too.
         if not abs(result) <= 1e9:
-            raise ConfigError(f"{self.where(element)}: {key} '{value[:40]}' of <{element.tag}> should be a number")
+            raise ConfigError(f"{key} '{value[:40]}' of <{element.tag}> should be a number", where=self.where(element))
         return result
 
     def map_file(self) -> Path | None:

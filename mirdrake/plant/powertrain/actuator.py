@@ -43,8 +43,9 @@ class ActuatorLaw:
         if steps is None:
             near = max(round(actuator.delay / period), 1) * period
             raise ConfigError(
-                f"{where(actuator, 'delay')}: {actuator.delay:g} s is not a multiple of the {period:g} s between two "
-                f"set-points; write for example {near:g}"
+                f"{actuator.delay:g} s is not a multiple of the {period:g} s between two "
+                f"set-points; write for example {near:g}",
+                where=where(actuator, "delay"),
             )
         rate = inf if actuator.rate is None else actuator.rate
         self.numbers = ActuatorNumbers(period, actuator.time_constant, rate)

@@ -144,8 +144,9 @@ def make_couplings(plant: MultibodyPlant, part: "VehicleInPlant") -> tuple[Coupl
         limit = inertia * (MAX_RATE / part.period) ** 2
         if kind.stiffness > limit:
             raise ConfigError(
-                f"{where(spec.powertrain, 'differential')}: {name}: a stiffness of {kind.stiffness:g} N m/rad is too "
-                f"large for steps of {part.period:g} s; at most {limit:.3g} N m/rad, or smaller steps"
+                f"{name}: a stiffness of {kind.stiffness:g} N m/rad is too "
+                f"large for steps of {part.period:g} s; at most {limit:.3g} N m/rad, or smaller steps",
+                where=where(spec.powertrain, "differential"),
             )
         couplings.append(Coupling(kind, kind.stiffness, 2.0 * _DAMPING_RATIO * sqrt(kind.stiffness * inertia)))
     return couplings[0], couplings[1]

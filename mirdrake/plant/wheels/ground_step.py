@@ -52,42 +52,6 @@ class GroundWheel(NamedTuple):
     vertical: VerticalTyre
 
 
-class GroundMemory(NamedTuple):
-    """Memory of a wheel from step to step: that of :class:`mirdrake.plant.wheels.step.Memory`, with the pivoting.
-
-    Attributes:
-        along: longitudinal deflection of the tyre at the beginning of the last step [m].
-        across: lateral deflection in its middle [m].
-        vx: motion of the last step [m/s].
-        slip_x: the same [m/s].
-        vy: the same [m/s].
-        spin: the same [rad/s].
-        torque: torque of motor, brake, rolling resistance and longitudinal force on the spin [N m].
-        fx: longitudinal force [N].
-        kappa: its longitudinal slip [1].
-        bend: mean slip velocity in the step, less the mean of its ends [m/s].
-        begun: zero at the start, then 1.
-        stopped: 1 if the brake has stopped the wheel in the last step, else zero.
-        twist: angle by which the contact patch is twisted [rad].
-        rise: vertical velocity of the wheel centre [m/s].
-    """
-
-    along: float
-    across: float
-    vx: float
-    slip_x: float
-    vy: float
-    spin: float
-    torque: float
-    fx: float
-    kappa: float
-    bend: float
-    begun: float
-    stopped: float
-    twist: float
-    rise: float
-
-
 def ground_step(
     law: Callable[[Any, float, float, float], tuple[float, float, float]],
     x: Sequence[float],
@@ -130,7 +94,7 @@ def ground_step(
         wheels: :class:`GroundWheel`.
         curves: the tyres at their loads, contact and curve, overwritten.
         nodes: their nodes.
-        memories: :class:`GroundMemory` of the step before.
+        memories: :class:`mirdrake.plant.wheels.step.Memory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
         logged: Fx, Fy, Mz, kappa and alpha of each wheel, overwritten.

@@ -12,7 +12,7 @@ from mirdrake.core.compiled import records
 from mirdrake.ground import Terrain
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.wheels.ground_contact import CONTACT_SIZE
-from mirdrake.plant.wheels.ground_step import GROUND_STEP_PARTS, GroundMemory, GroundWheel, ground_step
+from mirdrake.plant.wheels.ground_step import GROUND_STEP_PARTS, GroundWheel, ground_step
 from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, Bearing, TyreSystem, make_spinning_wheels
 
 
@@ -56,7 +56,6 @@ class GroundTyres(TyreSystem):
         bearing = Bearing(
             step=ground_step,
             parts=GROUND_STEP_PARTS,
-            memory=GroundMemory,
             wheels=wheels,
             static_loads=static_loads,
             arguments=lambda again: (data, samples, contacts, again),

@@ -154,6 +154,7 @@ class Memory(NamedTuple):
         begun: zero at the start, then 1.
         stopped: 1 if the brake has stopped the wheel in the last step, else zero.
         twist: angle by which the contact patch is twisted [rad].
+        rise: vertical velocity of the wheel centre [m/s], of tyres that touch the ground themselves.
     """
 
     along: float
@@ -169,6 +170,7 @@ class Memory(NamedTuple):
     begun: float
     stopped: float
     twist: float
+    rise: float
 
 
 def tyre_step(

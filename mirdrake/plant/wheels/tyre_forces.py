@@ -192,7 +192,7 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, plant: MultibodyPlant, part: VehicleInPlant, bearing: "Bearing") -> None:
         super().__init__()
-        count, record = len(WHEELS), record_type(bearing.memory)
+        count, record = len(WHEELS), record_type(Memory)
         car = records(SpinningCar, [SpinningCar(part.period, plant.num_positions())])
 
         # The law, compiled into the step, and the curves of the tyres at their loads.
@@ -307,7 +307,6 @@ class Bearing:
     Attributes:
         step: equations of a step, a function of a law and of the arguments of :class:`_Equations`.
         parts: functions that `step` calls, without the law.
-        memory: class of the memory of a wheel; its fields are floats, and zeros at the start.
         wheels: wheels of the vehicle, for `step`.
         static_loads: load of each wheel at rest [N].
         arguments: (whether the step is repeated) -> arguments of `step` of its own.
@@ -316,7 +315,6 @@ class Bearing:
 
     step: Callable[..., bool]
     parts: Sequence[Callable[..., Any]]
-    memory: type[Any]
     wheels: Records
     static_loads: Sequence[float]
     arguments: Callable[..., tuple[Any, ...]]
@@ -461,7 +459,6 @@ class WheelTyres(TyreSystem):
         bearing = Bearing(
             step=tyre_step,
             parts=STEP_PARTS,
-            memory=Memory,
             wheels=records(SpinningWheel, spinning),
             static_loads=[wheel.static_load for wheel in spinning],
             arguments=lambda again: (),  # noqa: ARG005 - the same for a repeated step

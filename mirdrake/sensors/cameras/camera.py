@@ -284,7 +284,8 @@ def check_memory(mount: PictureMount, part: "VehicleInPlant") -> None:
         spec = part.vehicle.sensors
         name = next((name for name, other in spec.mounts.items() if other is mount), "")
         raise ConfigError(
-            f"{where(spec, 'mounts', name, 'width')}: {mount.width} x {mount.height} pixels, {waiting} pictures "
+            f"{mount.width} x {mount.height} pixels, {waiting} pictures "
             f"at a time, take {needed / 1e9:.1f} GB; this machine has {memory / 1e9:.1f} GB; "
-            "take fewer pixels or less latency"
+            "take fewer pixels or less latency",
+            where=where(spec, "mounts", name, "width"),
         )

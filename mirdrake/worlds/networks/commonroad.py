@@ -41,7 +41,7 @@ def parse_commonroad(path: Path) -> XmlDocument:
     document = parse_xml(data, display_path(path), error=ConfigError, prefixes=False)
     if document.root.tag != "commonRoad":
         tag = document.root.tag
-        raise ConfigError(f"{document.where(document.root)}: <{tag}> is not CommonRoad, whose root is <commonRoad>")
+        raise ConfigError(f"<{tag}> is not CommonRoad, whose root is <commonRoad>", where=document.where(document.root))
     return document
 
 
@@ -56,7 +56,7 @@ def read_commonroad(path: str | Path) -> Network:
     root = document.root
     elements = {element.get("id", ""): element for element in root.iterfind("lanelet")}
     if not elements:
-        raise ConfigError(f"{document.where(root)}: contains no lanelet")
+        raise ConfigError("contains no lanelet", where=document.where(root))
     signs = {element.get("id", ""): element for element in root.iterfind("trafficSign")}
     junction_of = dict(_junctions(root))
     lanes: dict[str, Lane] = {}
@@ -94,9 +94,9 @@ def number_at(element: Element, path: str, document: XmlDocument, default: float
         values = [float(text or "") for text in texts]
         value = math.fsum(values) / len(values)
     except (ValueError, ZeroDivisionError):
-        raise ConfigError(f"{document.where(element)}: <{element.tag}> needs a number in <{path}>") from None
+        raise ConfigError(f"<{element.tag}> needs a number in <{path}>", where=document.where(element)) from None
     if not abs(value) < 1e8:
-        raise ConfigError(f"{document.where(element)}: {path} {value:g} of <{element.tag}> should be within ±1e8")
+        raise ConfigError(f"{path} {value:g} of <{element.tag}> should be within ±1e8", where=document.where(element))
     return value
 
 
@@ -115,8 +115,9 @@ def _lane(element: Element, name: str, document: XmlDocument) -> Lane:
     left, right = (points_of(element.find(f"{side}Bound"), document) for side in ("left", "right"))
     if len(left) != len(right) or len(left) < 2:
         raise ConfigError(
-            f"{document.where(element)}: lanelet {name} has {len(left)} points on its left bound and {len(right)} on "
-            "its right one; it needs the same number, two or more"
+            f"lanelet {name} has {len(left)} points on its left bound and {len(right)} on "
+            "its right one; it needs the same number, two or more",
+            where=document.where(element),
         )
     middle, width = (left + right) / 2.0, np.hypot(*(left - right).T)
     # Lanelets often have nodes a few millimetres apart, whose headings would be noise.
@@ -125,7 +126,7 @@ def _lane(element: Element, name: str, document: XmlDocument) -> Lane:
         if math.dist(middle[i], middle[indices[-1]]) >= _STEP:
             indices.append(i)
     if len(indices) < 2:
-        raise ConfigError(f"{document.where(element)}: lanelet {name} is shorter than {_STEP:g} m")
+        raise ConfigError(f"lanelet {name} is shorter than {_STEP:g} m", where=document.where(element))
     kinds = [kind.text or "" for kind in element.iterfind("laneletType")]
     known = [_KINDS[kind] for kind in kinds if kind in _KINDS]
     return replace(

@@ -44,14 +44,14 @@ class NetworkRelief(Schema):
             WorldError: the world has no network, it is too large, or lanes cross on a bridge.
         """
         if network is None:
-            raise WorldError(f"{where(self)}: the world has no network; add for example network: {{xodr: town.xodr}}")
+            raise WorldError("the world has no network; add for example network: {xodr: town.xodr}", where=where(self))
         points, z = _points(network)
         _check_bridges(points, z, where(self))
         low = points.min(axis=0) - _MARGIN
         rows, columns = _size(points, self.cell)
         if rows * columns > _MOST:
             raise WorldError(
-                f"{where(self)}: {rows} x {columns} heights; allowed are {_MOST / 1e6:g} million; make cell larger"
+                f"{rows} x {columns} heights; allowed are {_MOST / 1e6:g} million; make cell larger", where=where(self)
             )
         x, y = np.meshgrid(low[0] + self.cell * np.arange(columns), low[1] + self.cell * np.arange(rows))
         heights = scipy.interpolate.griddata(points, z, (x, y), method="linear")
@@ -92,8 +92,8 @@ def _check_bridges(points: Array, z: Array, place: str) -> None:
     """
     if (bridge := _highest_bridge(points, z)) is not None:
         raise WorldError(
-            f"{place}: {bridge}; the ground is one surface, without bridges: leave the layer out, or remove a road "
-            "from the map"
+            f"{bridge}; the ground is one surface, without bridges: leave the layer out, or remove a road from the map",
+            where=place,
         )
 
 

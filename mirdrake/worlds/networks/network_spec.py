@@ -57,8 +57,8 @@ def make_network(spec: NetworkSpec, folder: Path) -> Network:
     if not path.is_file():
         beside = [file.name for file in path.parent.glob(f"*{path.suffix}")] if path.parent.is_dir() else []
         hint = did_you_mean(path.name, beside) if beside else "give its path relative to the world file"
-        raise ConfigError(f"{location}: no such file: {spec.file[:200]!r}; {hint}")
+        raise ConfigError(f"no such file: {spec.file[:200]!r}; {hint}", where=location)
     try:
         return READERS[key](path)
     except ConfigError as error:
-        raise ConfigError(f"{location}: {error}") from None
+        raise ConfigError(str(error), where=location) from None

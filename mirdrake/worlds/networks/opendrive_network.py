@@ -43,14 +43,14 @@ def read_network(path: str | Path) -> Network:
     root, places = parse_opendrive(path)
     roads = {road.id: road for road in (RoadLanes(element, places) for element in root.iterfind("road"))}
     if not roads:
-        raise ConfigError(f"{places[root]}: contains no road")
+        raise ConfigError("contains no road", where=places[root])
     if (total := math.fsum(road.length for road in roads.values())) > LONGEST:
-        raise ConfigError(f"{display_path(path)}: {total / 1e3:.4g} km of roads; allowed are {LONGEST / 1e3:g} km")
+        raise ConfigError(f"{total / 1e3:.4g} km of roads; allowed are {LONGEST / 1e3:g} km", where=display_path(path))
 
     # Lanes first, because the direction of a connection results from those of its lanes.
     lanes = {lane.id: lane for road in roads.values() for lane in _lanes_of(road)}
     if not any(lane.kind in DRIVEN for lane in lanes.values()):
-        raise ConfigError(f"{display_path(path)}: none of its {len(lanes)} lanes is for motor vehicles")
+        raise ConfigError(f"none of its {len(lanes)} lanes is for motor vehicles", where=display_path(path))
     links = find_links(root, roads, lanes)
     lanes = connect(lanes, links.following)
     left_hand = any(road.element.get("rule") == "LHT" for road in roads.values())

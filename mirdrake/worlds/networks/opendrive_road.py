@@ -108,7 +108,7 @@ class RoadLanes:
         legs = [(number_of(part, "s", places), read_leg(part, places)) for part in geometries]
         self.legs: list[tuple[float, Leg]] = [(s, leg) for s, leg in legs if leg is not None]
         if not self.legs:
-            raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
+            raise ConfigError(f"road '{self.name}' has no <geometry> of any length in <planView>", where=self.where)
         # The stated station of the last geometry counts, since all tables refer to stated stations.
         self.length = self.legs[-1][0] + self.legs[-1][1].length
         self._offset = Cubics.read(road.iterfind("lanes/laneOffset"), "s", places)
@@ -188,7 +188,7 @@ class RoadLanes:
     def _read_sections(self, road: Element, *, carry: bool) -> list[Section]:
         elements = sorted(road.iterfind("lanes/laneSection"), key=lambda e: number_of(e, "s", self._places))
         if not elements:
-            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection> and therefore no width")
+            raise ConfigError(f"road '{self.name}' has no <laneSection> and therefore no width", where=self.where)
         begins = [max(0.0, number_of(e, "s", self._places)) for e in elements]
         # The first section must cover the start, even if the file lets it begin a little later.
         begins[0] = 0.0
