@@ -92,7 +92,7 @@ class Journal:
                 names = sorted(name for name in {*purpose, *expected} if purpose.get(name) != expected.get(name))
             if names:
                 raise RunError(
-                    f"was begun for another purpose ({', '.join(names)}); choose another file", where=self.file
+                    f"was begun for another purpose ({', '.join(names)}); choose another file", where=str(self.file)
                 )
         with read_errors(self.file):
             self.records = {entry.pop(self._key): entry for entry in lines}

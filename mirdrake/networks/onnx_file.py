@@ -81,7 +81,7 @@ class OnnxNetwork:
     def __init__(self, file: Path) -> None:
         self.file = file
         if not file.is_file():
-            raise ConfigError("there is no such file; expected a network as an ONNX file", where=file)
+            raise ConfigError("there is no such file; expected a network as an ONNX file", where=str(file))
         with read_errors(file):
             # Hash and session have the same bytes, even if the file is replaced in between.
             content = file.read_bytes()
@@ -122,7 +122,9 @@ def _make_session(content: bytes, file: Path) -> Any:
     try:
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base but this
-        raise ConfigError(f"is not a network that ONNX Runtime can read: {first_line(error)}", where=file) from None
+        raise ConfigError(
+            f"is not a network that ONNX Runtime can read: {first_line(error)}", where=str(file)
+        ) from None
 
 
 def _read_input(entry: Any, file: Path) -> NetworkInput:
@@ -154,7 +156,7 @@ def _read_input(entry: Any, file: Path) -> NetworkInput:
 def _read_output(entry: Any, named: Any, file: Path) -> tuple[Signal, ...]:
     size = entry.shape[-1] if entry.shape else 1
     if not isinstance(size, int) or len(entry.shape) > 2:
-        raise ConfigError(f"output '{entry.name}' has shape {entry.shape}; allowed: vectors (1, n)", where=file)
+        raise ConfigError(f"output '{entry.name}' has shape {entry.shape}; allowed: vectors (1, n)", where=str(file))
     # Names of an export are used if they fit; files of others have none.
     if named is not None and len(named) == size:
         return tuple(Signal(str(name), str(unit)) for name, unit in named)

@@ -48,16 +48,16 @@ def open_journal(folder: Path | None, manifest: Mapping[str, Any], *, resume: bo
         folder.mkdir(parents=True, exist_ok=True)
         used = any(folder.iterdir())
     if used and not resume:
-        raise RunError("is not empty; choose another folder, or resume the study in it", where=folder)
+        raise RunError("is not empty; choose another folder, or resume the study in it", where=str(folder))
     if used:
         before = read_manifest(folder)
         # Compared in full, not by digest alone, so that the message can say which part has changed.
         if before.get("study") != manifest["study"]:
-            raise RunError("was begun with another study; it cannot be resumed with this one", where=folder)
+            raise RunError("was begun with another study; it cannot be resumed with this one", where=str(folder))
         for key, name in (("content", "models or worlds"), ("versions", "versions")):
             if before.get(key) != manifest[key]:
                 raise RunError(
-                    f"the {name} have changed since the study was begun; choose another folder", where=folder
+                    f"the {name} have changed since the study was begun; choose another folder", where=str(folder)
                 )
     else:
         write_file(folder / STUDY_FILE, json.dumps(manifest, indent=1) + "\n")
@@ -93,7 +93,7 @@ def read_manifest(folder: Path) -> Json:
     """
     file = folder / STUDY_FILE
     if not file.is_file():
-        raise ConfigError(f"not the folder of a study (it has no {STUDY_FILE})", where=folder)
+        raise ConfigError(f"not the folder of a study (it has no {STUDY_FILE})", where=str(folder))
     with read_errors(file):
         data = parse_json(file.read_text(encoding="utf-8"))
         if not isinstance(data, dict):
