@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from mcap.writer import Writer
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.export.mcap import write_mcap
 from mirdrake.identification import load_data
-from mirdrake.readers import bags, read_table
+from mirdrake.readers import read_table
 from mirdrake.runs.logs import RunWriter, load_run
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
@@ -194,11 +195,7 @@ def test_a_run_without_joints_has_no_joint_states(tmp_path, monkeypatch):
 
 def test_without_the_package_its_extra_is_named(tmp_path, monkeypatch):
     name = write_ros(tmp_path, "ros1")
-
-    def missing(module):
-        raise ImportError(module)
-
-    monkeypatch.setattr(bags, "import_module", missing)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'mirdrake\[bags\]'"):
         load(tmp_path, name)
 

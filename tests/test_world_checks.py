@@ -846,6 +846,15 @@ def test_an_actor_with_the_name_of_a_vehicle_of_a_test_is_a_fault() -> None:
     assert fault.text.startswith("w.yaml:5: actors.0.name: 'leader' is the name of a vehicle of the test 'waits'")
 
 
+def test_the_starts_of_other_vehicles_of_a_test_are_checked() -> None:
+    world = WALKER.replace("CONDITION", "speed > 0 m/s") + WAITS
+    (fault,) = check(world + "    props: [{box: [1, 3, 1], name: wall, at: [32, 0]}]\n")
+    assert (fault.kind, fault.names) == ("start", ("wall",))
+    (fault,) = check(world.replace("start: ahead", "start: gate"))
+    assert (fault.kind, fault.text.split(": ")[1]) == ("test", "tests.0.others.leader.start")
+    assert "'leader' starts at the place of 'ego'" in fault.text
+
+
 def test_a_gate_behind_the_end_of_its_track_is_a_fault() -> None:
     (fault,) = check("tracks: {main: {segments: [{line: 60}]}}\ngoals: {end: {gate: {track: main, s: 61}}}\n")
     assert fault.text == "w.yaml:3: goals.end.gate.s: s = 61 m; the track is 60 m long"

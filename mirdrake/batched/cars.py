@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from mirdrake.batched.arrays import Floats, Integers, Mask
 from mirdrake.batched.ground import NO_GROUND, Ground
-from mirdrake.batched.kernels import KERNEL_PARTS, advance, advance_over_time
+from mirdrake.batched.kernels import KERNEL_PARTS, Fleet, advance, advance_over_time
 from mirdrake.batched.records import BatchRun
 from mirdrake.batched.table import make_table
 from mirdrake.core.checks import check_number
@@ -156,8 +156,7 @@ class Batch:
         """
         # A copy: a broadcast view has strides of zero and is read-only, a further type of argument to compile for.
         held = np.array(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))), order="C")
-        arguments = (*self.model(), held, self.step_time, int(steps))
-        self.share(self._advance, arguments, (self.state, self.diverged))
+        self.share(self._advance, held, self.step_time, int(steps))
         self.time += steps * self.step_time
 
     def run(self, inputs: ArrayLike, *, hold: int = 1) -> BatchRun:
@@ -181,8 +180,7 @@ class Batch:
         times = rows.shape[1]
         contents = self.signals()
         values = np.empty((self.count, times + 1, len(contents)))
-        arguments = (*self.model(), rows, self.step_time, int(hold))
-        self.share(self._advance_over_time, arguments, (self.state, self.diverged, values))
+        self.share(self._advance_over_time, rows, self.step_time, int(hold), values)
         time = self.time + np.arange(times + 1) * (hold * self.step_time)
         self.time = float(time[-1])
         return BatchRun(time, values, contents, self.diverged_cars)
@@ -208,19 +206,18 @@ class Batch:
         padded[..., : len(names)] = given
         return padded
 
-    def model(self) -> tuple[Any, ...]:
-        """Return flags, positions, parameters and ground, as compiled loops take them."""
-        return (self.flags, self.positions, self.parameters, self._present, *self._ground)
-
-    def share(self, kernel: Callable[..., Any], arguments: tuple[Any, ...], changed: tuple[Any, ...]) -> None:
-        """Call a kernel for all cars, divided among the threads."""
+    def share(self, kernel: Callable[..., Any], *arguments: Any) -> None:
+        """Call a kernel, divided among the threads, with all cars, arguments, and the range of its cars."""
+        cars = Fleet(
+            self.flags, self.positions, self.parameters, self._present, *self._ground, self.state, self.diverged
+        )
         # Contiguous ranges of cars: threads write to separate rows, so that no lock is needed (kernels release the
         # GIL).
         bounds = np.linspace(0, self.count, min(self.threads, self.count) + 1).astype(int).tolist()
         if len(bounds) == 2:
-            kernel(*arguments, 0, self.count, *changed)
+            kernel(cars, *arguments, 0, self.count)
             return
-        calls = [self._pool.submit(kernel, *arguments, first, last, *changed) for first, last in pairwise(bounds)]
+        calls = [self._pool.submit(kernel, cars, *arguments, first, last) for first, last in pairwise(bounds)]
         # The result is awaited to raise the exception of a thread here, which submit alone would hide.
         for call in calls:
             call.result()

@@ -262,8 +262,10 @@ class BatchControl:
         # Rounded up: row 0 is the first tick, and every further row `every` steps later.
         time: Floats = (clock.begin + np.arange(0.0, clock.ticks, clock.output)) * (self.period / clock.control)
         values = np.empty((cars.count, len(time), len(columns)))
-        arguments = (*cars.model(), self._numbers, drivers, commands, self._noise, self._seed, clock, columns)
-        cars.share(self._kernel(law), arguments, (cars.state, cars.diverged, self._memories, values))
+        cars.share(
+            self._kernel(law), self._numbers, drivers, commands, self._noise, self._seed, clock, columns,
+            self._memories, values,
+        )  # fmt: skip
         self._periods += periods
         cars.time += periods * self.period
         return BatchRun(time, values, contents, cars.diverged_cars)

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirdrake.batched.arrays import Floats, Integers, Mask
-from mirdrake.batched.ground import apply_ground
-from mirdrake.batched.kernels import KERNEL_PARTS, steps_of_car, write_motion, write_state
+from mirdrake.batched.arrays import Floats, Integers
+from mirdrake.batched.kernels import KERNEL_PARTS, Fleet, motion_of_car, steps_of_car, write_motion, write_state
 from mirdrake.batched.noise import NOISE_PARTS, normal
 from mirdrake.controllers.ackermann import (
     SteeringLaw,
@@ -26,7 +25,7 @@ from mirdrake.controllers.control_step import CONTROL_PARTS, STEERING_ACTUATOR, 
 from mirdrake.core.compiled import Records
 from mirdrake.core.pid import PidNumbers, tracking_time
 from mirdrake.plant.powertrain.law import POWERTRAIN_PARTS, PowertrainNumbers, throttle_limits
-from mirdrake.single_track.dynamics import Inputs, LateralForce, State, equations, read_state
+from mirdrake.single_track.dynamics import Inputs, LateralForce, State, read_state
 from mirdrake.single_track.powertrain import road_forces
 from mirdrake.vehicles.joint_control.base import JointLaw, feedforward_only
 from mirdrake.vehicles.joint_control.pedals import PEDAL_PARTS, PedalNumbers, pedal_step
@@ -159,12 +158,7 @@ def drive(
     steering_law: SteeringLaw,
     wheel_law: JointLaw,
     driver_law: DriverLaw,
-    flags: Records,
-    positions: Integers,
-    parameters: Records,
-    present: Records,
-    frame: Floats,
-    grid: Floats,
+    cars: Fleet,
     units: Units,
     drivers: Any,
     commands: Floats,
@@ -172,12 +166,10 @@ def drive(
     seed: np.uint64,
     clock: Clock,
     columns: Integers,
-    first: int,
-    last: int,
-    states: Floats,
-    diverged: Mask,
     memories: Memories,
     outputs: Floats,
+    first: int,
+    last: int,
 ) -> None:
     """Advance cars with their control units, powertrains and drivers.
 
@@ -186,12 +178,7 @@ def drive(
         steering_law: angles of the wheels for a steering angle.
         wheel_law: torque of a wheel.
         driver_law: step of a driver.
-        flags: one record of the variant's flags.
-        positions: column in `states` of each field of the state.
-        parameters: a record per car.
-        present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
-        frame: see :class:`mirdrake.batched.ground.Ground`.
-        grid: see there.
+        cars: all cars.
         units: control units and powertrains.
         drivers: numbers of the drivers.
         commands: speed [m/s], steering [rad] and stamp [s] (1 or n, control periods, 3); not read with drivers.
@@ -199,15 +186,13 @@ def drive(
         seed: seed of the noise.
         clock: events of the run.
         columns: columns of the full row (states, motion, status, path error, commands, forces) that the outputs have.
-        first: first car.
-        last: car after the last one.
-        states: states (n, states), updated.
-        diverged: flags of the diverged cars (n), updated.
         memories: memories of the cars, updated.
         outputs: rows (n, rows, columns), overwritten; not a number from the row on in which a car diverged.
+        first: first car.
+        last: car after the last one.
     """
     unit, setups = units.units[0], units.setups
-    states_of_variant = states.shape[1]
+    states_of_variant = cars.states.shape[1]
     # A full row: states, motion (7), status (3), path error (4), commands (2), forces (2); `columns` selects from it.
     at_motion, at_status = states_of_variant, states_of_variant + 7
     row: Any = np.empty(states_of_variant + 7 + 3 + 4 + 2 + 2)
@@ -224,19 +209,20 @@ def drive(
     x_measured[0] = 1.0
     last_output = STEERING_ACTUATOR + setups[0].actuator_size - 1
     for i in range(first, last):
-        x, u = read_state(states[i], positions), Inputs(0.0, 0.0, 0.0, 0.0, 0.0)
+        x, u = read_state(cars.states[i], cars.positions), Inputs(0.0, 0.0, 0.0, 0.0, 0.0)
         # The views are taken once per car; `status` is written by the unit directly into its place in the row.
         which, ring = min(i, commands.shape[0] - 1), memories.delays[i] + 1
         status, gains = row[at_status:], units.wheel_gains[i : i + 1]
         memory, delayed, driver = memories.unit[i], memories.delayed[i], memories.driver[i]
-        forces, rear_length = memories.forces[i], parameters[i].rear_length
-        if clock.driver > 0 and driver[STARTED] == 0.0 and not diverged[i]:  # the first command is there from the start
+        forces, rear_length = memories.forces[i], cars.parameters[i].rear_length
+        # The first command is there from the start.
+        if clock.driver > 0 and driver[STARTED] == 0.0 and not cars.diverged[i]:
             driver_law(drivers, i, x, rear_length, clock.begin // clock.driver * clock.driver_period, driver)
             # Still counts as not started: the driver's own first step, below, begins anew.
             driver[STARTED] = 0.0
         for j in range(clock.ticks):
             tick, row_is_due = clock.begin + j, j % clock.output == 0
-            if diverged[i]:
+            if cars.diverged[i]:
                 if row_is_due:
                     outputs[i, j // clock.output, :] = np.nan
                 continue
@@ -308,21 +294,18 @@ def drive(
 
             # Outputs at the tick.
             if row_is_due:
-                write_state(row, positions, x)
+                write_state(row, cars.positions, x)
                 if shows_motion:
-                    apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-                    write_motion(row, at_motion, equations(law, flags[0], present[i], x, u)[1])
+                    write_motion(row, at_motion, motion_of_car(law, cars, i, x, u))
                 row[at_status + 3 : at_status + 7] = driver[PATH : PATH + 4]
                 row[at_status + 9], row[at_status + 10] = u.drive, u.brake
                 for k in range(len(columns)):
                     outputs[i, j // clock.output, k] = row[columns[k]]
 
             # The model until the next tick.
-            alive, x = steps_of_car(
-                law, flags[0], frame, grid, parameters[i], present[i], x, u, clock.step, clock.steps
-            )
-            diverged[i] = not alive
-        write_state(states[i], positions, x)
+            alive, x = steps_of_car(law, cars, i, x, u, clock.step, clock.steps)
+            cars.diverged[i] = not alive
+        write_state(cars.states[i], cars.positions, x)
 
 
 def _true_angle(law: SteeringLaw, assumed: SteeringNumbers, true: SteeringNumbers, steering: float) -> float:

@@ -6,7 +6,8 @@ from typing import Any
 
 from mirdrake.batched.cars import STEP
 from mirdrake.batched.kernels import runge_kutta
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.extras import import_extra
 from mirdrake.single_track.dynamics import Inputs, State, Variant, flags_of, lateral_force_of
 from mirdrake.single_track.parameters import PARAMETERS
 
@@ -30,10 +31,7 @@ def make_drive(variant: Variant, *, step: float = STEP, hold: int = 1) -> Drive:
         ConfigError: an unknown variant, or JAX computes in single precision.
         MissingDependencyError: JAX is not installed.
     """
-    try:
-        import jax
-    except ImportError:
-        raise MissingDependencyError("gradients need JAX: pip install 'mirdrake[jax]'") from None
+    jax = import_extra("jax", need="gradients need JAX", extra="jax")
     variant.check()
     # The setting is global to JAX and must precede its first array, so it is reported instead of changed here.
     if not jax.config.jax_enable_x64:

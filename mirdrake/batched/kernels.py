@@ -5,7 +5,7 @@ only, and its operations have a fixed order: results do not depend on the other 
 """
 
 from collections.abc import MutableSequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,91 +24,72 @@ from mirdrake.single_track.dynamics import (
 )
 
 
-def advance(
-    law: LateralForce,
-    flags: Records,
-    positions: Integers,
-    parameters: Records,
-    present: Records,
-    frame: Floats,
-    grid: Floats,
-    inputs: Floats,
-    step: float,
-    steps: int,
-    first: int,
-    last: int,
-    states: Floats,
-    diverged: Mask,
-) -> None:
-    """Advance cars under inputs that are held.
+class Fleet(NamedTuple):
+    """Cars of a batch, as compiled loops take them.
 
-    Args:
-        law: lateral force of an axle.
+    Attributes:
         flags: one record of :class:`Flags`.
         positions: column in `states` of each field of :class:`State`; -1: the variant does not have it.
         parameters: a record per car.
         present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
         frame: see :class:`mirdrake.batched.ground.Ground`.
         grid: see there.
+        states: states of the variant (n, states), updated.
+        diverged: cars whose state is not finite, updated; their last finite state remains.
+    """
+
+    flags: Records
+    positions: Integers
+    parameters: Records
+    present: Records
+    frame: Floats
+    grid: Floats
+    states: Floats
+    diverged: Mask
+
+
+def advance(law: LateralForce, cars: Fleet, inputs: Floats, step: float, steps: int, first: int, last: int) -> None:
+    """Advance cars under inputs that are held.
+
+    Args:
+        law: lateral force of an axle.
+        cars: all cars.
         inputs: values of :class:`Inputs` (n, 5).
         step: step of the integration [s].
         steps: number of steps.
         first: first car.
         last: car after the last one.
-        states: states of the variant (n, states), updated.
-        diverged: cars whose state is not finite, updated; their last finite state remains.
     """
     for i in range(first, last):
         # A diverged car keeps its last state: its numbers would slow down the others, and end as NaN.
-        if diverged[i]:
+        if cars.diverged[i]:
             continue
-        x = read_state(states[i], positions)
+        x = read_state(cars.states[i], cars.positions)
         u = Inputs(inputs[i, 0], inputs[i, 1], inputs[i, 2], inputs[i, 3], inputs[i, 4])
-        alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
-        diverged[i] = not alive
-        write_state(states[i], positions, x)
+        alive, x = steps_of_car(law, cars, i, x, u, step, steps)
+        cars.diverged[i] = not alive
+        write_state(cars.states[i], cars.positions, x)
 
 
 def advance_over_time(
-    law: LateralForce,
-    flags: Records,
-    positions: Integers,
-    parameters: Records,
-    present: Records,
-    frame: Floats,
-    grid: Floats,
-    inputs: Floats,
-    step: float,
-    steps: int,
-    first: int,
-    last: int,
-    states: Floats,
-    diverged: Mask,
-    outputs: Floats,
+    law: LateralForce, cars: Fleet, inputs: Floats, step: float, steps: int, outputs: Floats, first: int, last: int
 ) -> None:
     """Advance cars under inputs over time.
 
     Args:
-        law: as in :func:`advance`, like the others up to `grid`.
-        flags: see there.
-        positions: see there.
-        parameters: see there.
-        present: see there.
-        frame: see there.
-        grid: see there.
+        law: lateral force of an axle.
+        cars: all cars.
         inputs: values of :class:`Inputs` (1 or n, times, 5); each row is held for `steps` steps.
-        step: as in :func:`advance`, like the others up to `diverged`.
-        steps: see there.
-        first: see there.
-        last: see there.
-        states: see there.
-        diverged: see there.
+        step: step of the integration [s].
+        steps: number of steps for a row.
         outputs: states and motion (n, times + 1, states + motion), at the start and after each row; overwritten,
             not a number from the row on in which a car diverged.
+        first: first car.
+        last: car after the last one.
     """
-    states_of_variant = states.shape[1]
+    states_of_variant = cars.states.shape[1]
     for i in range(first, last):
-        x = read_state(states[i], positions)
+        x = read_state(cars.states[i], cars.positions)
         # Row 0 holds the inputs of all cars if there is only one.
         row = min(i, inputs.shape[0] - 1)
         u = Inputs(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -117,50 +98,44 @@ def advance_over_time(
                 u = Inputs(
                     inputs[row, k, 0], inputs[row, k, 1], inputs[row, k, 2], inputs[row, k, 3], inputs[row, k, 4]
                 )
-            if diverged[i]:
+            if cars.diverged[i]:
                 outputs[i, k, :] = np.nan
                 continue
             # The motion of the last row is that under the last inputs.
-            write_state(outputs[i, k], positions, x)
-            apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-            write_motion(outputs[i, k], states_of_variant, equations(law, flags[0], present[i], x, u)[1])
+            write_state(outputs[i, k], cars.positions, x)
+            write_motion(outputs[i, k], states_of_variant, motion_of_car(law, cars, i, x, u))
             if k == inputs.shape[1]:
                 continue
-            alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
-            diverged[i] = not alive
-        write_state(states[i], positions, x)
+            alive, x = steps_of_car(law, cars, i, x, u, step, steps)
+            cars.diverged[i] = not alive
+        write_state(cars.states[i], cars.positions, x)
+
+
+def motion_of_car(law: LateralForce, cars: Fleet, i: int, x: State, u: Inputs) -> Motion:
+    """Return the motion of a car at its place."""
+    apply_ground(cars.frame, cars.grid, cars.parameters[i], cars.present[i], x.x, x.y)
+    return equations(law, cars.flags[0], cars.present[i], x, u)[1]
 
 
 def steps_of_car(
-    law: LateralForce,
-    flags: Flags,
-    frame: Floats,
-    grid: Floats,
-    own: Any,
-    present: Any,
-    x: State,
-    u: Inputs,
-    step: float,
-    steps: int,
+    law: LateralForce, cars: Fleet, i: int, x: State, u: Inputs, step: float, steps: int
 ) -> tuple[bool, State]:
     """Return whether the state of a car is finite after some steps under held inputs, and its last finite state.
 
     Args:
         law: lateral force of an axle.
-        flags: variant of the equations.
-        frame: see :class:`mirdrake.batched.ground.Ground`.
-        grid: see there.
-        own: parameters of the car.
-        present: parameters at its place, overwritten; `own` itself without a ground.
-        x: state at the start.
+        cars: all cars.
+        i: number of the car.
+        x: its state at the start.
         u: inputs.
         step: step of the integration [s].
         steps: number of steps.
     """
+    own, present = cars.parameters[i], cars.present[i]
     for _ in range(steps):
         # The ground is read once per step, not per stage: friction, slope and wind are constant within a step.
-        apply_ground(frame, grid, own, present, x.x, x.y)
-        after = runge_kutta(law, flags, present, x, u, step)
+        apply_ground(cars.frame, cars.grid, own, present, x.x, x.y)
+        after = runge_kutta(law, cars.flags[0], present, x, u, step)
         if not is_finite(after):
             return False, x
         x = after
@@ -243,6 +218,7 @@ KERNEL_PARTS = (
     *EQUATION_PARTS,
     *GROUND_PARTS,
     equations,
+    motion_of_car,
     steps_of_car,
     runge_kutta,
     moved,

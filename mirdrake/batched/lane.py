@@ -7,12 +7,11 @@ the last place.
 import math
 from typing import Any, NamedTuple
 
-from mirdrake.batched.arrays import Floats, Integers, Mask
-from mirdrake.batched.kernels import KERNEL_PARTS, steps_of_car, write_state
+from mirdrake.batched.arrays import Floats
+from mirdrake.batched.kernels import KERNEL_PARTS, Fleet, steps_of_car, write_state
 from mirdrake.controllers.ackermann import SteeringNumbers, approach
 from mirdrake.controllers.cruise import cruise_step
 from mirdrake.controllers.path_law import PathNumbers, Place, project
-from mirdrake.core.compiled import Records
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.pid import PidLimits, pid_step, read_pid, write_pid
 from mirdrake.plant.powertrain.actuator import ActuatorNumbers, actuator_step, follow
@@ -69,12 +68,7 @@ class LaneNumbers(NamedTuple):
 
 def drive_on_track(
     law: LateralForce,
-    flags: Records,
-    positions: Integers,
-    parameters: Records,
-    present: Records,
-    frame: Floats,
-    grid: Floats,
+    cars: Fleet,
     lanes: Any,
     gains: Any,
     tables: Floats,
@@ -83,24 +77,17 @@ def drive_on_track(
     periods: int,
     step: float,
     steps: int,
-    first: int,
-    last: int,
-    states: Floats,
-    diverged: Mask,
     memory: Floats,
     progress: Floats,
     signals: Floats,
+    first: int,
+    last: int,
 ) -> None:
     """Advance cars on a track under set-points that are held, and write their signals.
 
     Args:
         law: lateral force of an axle.
-        flags: one record of the variant's flags.
-        positions: column in `states` of each field of the state.
-        parameters: a record per car.
-        present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
-        frame: see :class:`mirdrake.batched.ground.Ground`.
-        grid: see there.
+        cars: all cars.
         lanes: one record of :class:`LaneNumbers`.
         gains: gains of the speed loop, one record.
         tables: centre line (points, 6): x [m], y [m], yaw [rad], curvature [1/m], left and right width [m].
@@ -109,36 +96,34 @@ def drive_on_track(
         periods: number of control periods; 0: only write the signals.
         step: step of the integration [s].
         steps: steps in a control period.
-        first: first car.
-        last: car after the last one.
-        states: states (n, states), updated.
-        diverged: flags of the diverged cars (n), updated.
         memory: memory of each control unit (n, memory), updated.
         progress: arc length of each car (n) [m], updated.
         signals: :data:`SIGNALS`, then the curvatures ahead (n, signals), overwritten.
+        first: first car.
+        last: car after the last one.
     """
     lane = lanes[0]
     for i in range(first, last):
-        if diverged[i]:
+        if cars.diverged[i]:
             continue
-        x = read_state(states[i], positions)
+        x = read_state(cars.states[i], cars.positions)
         # Without control periods only the signals are written, for cars that were just placed.
         trim = 0.0
         for _ in range(periods):
             u, trim = _control(lane, gains[0], memory[i], setpoints[i, 0], setpoints[i, 1], x.vx)
-            alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
+            alive, x = steps_of_car(law, cars, i, x, u, step, steps)
             if not alive:
-                diverged[i] = True
+                cars.diverged[i] = True
                 break
-        write_state(states[i], positions, x)
-        if diverged[i]:
+        write_state(cars.states[i], cars.positions, x)
+        if cars.diverged[i]:
             continue
         # Newton's method starts from the predicted arc length, so that one or two steps suffice at any speed.
         _, place = project(lane.path, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
         # Beyond the ends of an open track the nearest point is the end itself.
         progress[i] = place.s if lane.path.closed else min(max(place.s, 0.0), lane.path.length)
         place = Place(progress[i], place.lateral, place.yaw, place.curvature)
-        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, place, signals[i])
+        _write_signals(lane, tables, distances, cars.parameters[i].rear_length, x, memory[i], trim, place, signals[i])
 
 
 def _control(

@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.extras import import_extra
 
 if TYPE_CHECKING:
     from mirdrake.builder.diagram import Diagram
@@ -32,10 +33,7 @@ def make_sliders(
         MissingDependencyError: ipywidgets is not installed.
         ConfigError: a range is empty.
     """
-    try:
-        import ipywidgets
-    except ImportError:
-        raise MissingDependencyError("sliders need ipywidgets: pip install 'mirdrake[notebook]'") from None
+    ipywidgets = import_extra("ipywidgets", need="sliders need ipywidgets", extra="notebook")
 
     def rerun(**values: float) -> Any:
         for path, value in values.items():

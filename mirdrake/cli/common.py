@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean, first_line
+from mirdrake.core.errors import ConfigError, did_you_mean, first_line
+from mirdrake.core.extras import import_extra
 from mirdrake.core.paths import missing_file, names
 from mirdrake.core.yaml_io import display_path, to_si
 
@@ -208,12 +209,9 @@ def open_dask(address: str | None) -> Iterator[Any]:
         yield None
         return
     # Dask is an extra, which only clusters need.
+    distributed = import_extra("distributed", need="--scheduler needs Dask", extra="cluster")
     try:
-        from distributed import Client
-    except ImportError:
-        raise MissingDependencyError("--scheduler needs Dask: pip install 'mirdrake[cluster]'") from None
-    try:
-        client: Any = Client(address, timeout="10 s", set_as_default=False)
+        client: Any = distributed.Client(address, timeout="10 s", set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(
             f"--scheduler {address}: no Dask scheduler answers ({first_line(error)}); start one with: dask scheduler"

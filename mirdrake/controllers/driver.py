@@ -73,7 +73,7 @@ class Driver(Schema):
         return where(self, key) if self._source else given or "control"
 
 
-def find_track(world: DrivenWorld, name: str | None) -> Track:
+def track_to_follow(world: DrivenWorld, name: str | None) -> Track:
     """Return the track of a name, or the first one.
 
     Raises:

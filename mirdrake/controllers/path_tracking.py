@@ -35,7 +35,7 @@ from mirdrake.controllers.drivable_line import (
     make_centre_line,
     make_drivable_line,
 )
-from mirdrake.controllers.driver import DrivenWorld, Driver, find_track
+from mirdrake.controllers.driver import DrivenWorld, Driver, track_to_follow
 from mirdrake.controllers.path_law import Motion, PathNumbers, Place, TrackerNumbers, project, tracker_step
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, DivergedError
@@ -379,7 +379,7 @@ class PathTrackingSpec(Driver):
         """
         del folder
         try:
-            return self.make_tracker(find_track(world, self.track), vehicle.geometry)
+            return self.make_tracker(track_to_follow(world, self.track), vehicle.geometry)
         except ConfigError as error:
             raise ConfigError(str(error), where=self.place("track", where)) from None
 

@@ -27,14 +27,13 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.extras import import_extra
 from mirdrake.core.files import replacing
 from mirdrake.core.recording.arrays import Samples
 from mirdrake.core.recording.parts import read_groups, stored
@@ -50,7 +49,7 @@ from mirdrake.export.frames import (
     sensor_mounts,
 )
 from mirdrake.export.models import Fields, Primitive, actor_entities, scene_entities
-from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
+from mirdrake.export.ros import ENCODING, NEED, SCHEMA, Ros2Message, definition, imu_message, joint_message
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.runs.logs import ACTORS, SIGNALS, Run, reads_run
 
@@ -114,7 +113,7 @@ def _register(writer: Any, message: Message, schema: Mapping[str, object] | None
     """Register the channel of a topic, and return its number."""
     content = message.content
     if isinstance(content, Ros2Message):
-        number = writer.register_schema(content.kind, SCHEMA, DEFINITIONS[content.kind].encode())
+        number = writer.register_schema(content.kind, SCHEMA, definition(content.kind).encode())
         return int(writer.register_channel(message.topic, ENCODING, number))
     if schema is not None:
         number = writer.register_schema("mirdrake.Signals", "jsonschema", json.dumps(schema).encode())
@@ -125,16 +124,13 @@ def _register(writer: Any, message: Message, schema: Mapping[str, object] | None
 
 def _bytes(content: Any) -> bytes:
     if isinstance(content, Ros2Message):
-        return content.bytes()
+        return content.data
     data: bytes = json.dumps(content).encode() if isinstance(content, dict) else content.SerializeToString()
     return data
 
 
 def _import(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        raise MissingDependencyError("MCAP needs some packages: pip install 'mirdrake[mcap]'") from None
+    return import_extra(name, need=NEED, extra="mcap")
 
 
 def _make(kind: str) -> Any:

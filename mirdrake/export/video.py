@@ -2,11 +2,11 @@
 
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from mirdrake.core.errors import MissingDependencyError, RunError
+from mirdrake.core.errors import RunError
+from mirdrake.core.extras import import_extra
 from mirdrake.core.files import replacing, write_errors
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
@@ -34,7 +34,7 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
         RunError: no pictures were recorded, or a file cannot be written.
     """
     # A missing package is reported before pictures are read.
-    _import_av()
+    import_extra("av", need="videos need PyAV", extra="video")
     cameras = {name: [p for p in pictures if p.path.suffix == ".jpg"] for name, pictures in run.pictures.items()}
     cameras = {name: pictures for name, pictures in cameras.items() if pictures}
     if not cameras:
@@ -58,7 +58,7 @@ def write_video(pictures: list[Picture], path: Path) -> int:
         MissingDependencyError: PyAV is not installed.
         RunError: the file cannot be written.
     """
-    av = _import_av()
+    av = import_extra("av", need="videos need PyAV", extra="video")
     gaps = np.diff([picture.time for picture in pictures])
     # The frame rate is nominal, since each frame has its own time; the median ignores gaps.
     rate = Fraction(round(1.0 / float(np.median(gaps)))) if gaps.size else Fraction(1)
@@ -79,11 +79,3 @@ def write_video(pictures: list[Picture], path: Path) -> int:
         # The encoder holds back some frames until it is flushed.
         container.mux(stream.encode())
     return len(pictures)
-
-
-def _import_av() -> Any:
-    try:
-        import av
-    except ImportError:
-        raise MissingDependencyError("videos need PyAV: pip install 'mirdrake[video]'") from None
-    return av

@@ -248,11 +248,10 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         cars.diverged[~chosen] = True
         # Without periods set-points are not read, and before the first action there are none.
         setpoints = self._setpoints if periods else np.zeros((self.num_envs, 2))
-        arguments = (
-            *cars.model(), self._lanes, self._gains, self._tables, self._distances,
-            setpoints, periods, cars.step_time, 1,
+        cars.share(
+            self._kernel, self._lanes, self._gains, self._tables, self._distances, setpoints, periods,
+            cars.step_time, 1, self._memory, self._progress, self._signals,
         )  # fmt: skip
-        cars.share(self._kernel, arguments, (cars.state, cars.diverged, self._memory, self._progress, self._signals))
         cars.diverged[~chosen] = diverged[~chosen]
 
     def _observations(self, diverged: Flags | None = None) -> Observations:

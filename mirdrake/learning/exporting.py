@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.core.errors import MissingDependencyError
+from mirdrake.core.extras import import_extra
 from mirdrake.core.files import write_file
 from mirdrake.core.signals import Signal
 from mirdrake.learning.pilotnet import CONVOLUTIONS, DENSE
@@ -91,13 +91,7 @@ class _Graph:
     """Nodes and constants of an ONNX graph under construction."""
 
     def __init__(self) -> None:
-        try:
-            import onnx
-        except ImportError:
-            raise MissingDependencyError(
-                "the export of a network needs onnx: pip install 'mirdrake[learning]'"
-            ) from None
-        self._onnx: Any = onnx
+        self._onnx = import_extra("onnx", need="the export of a network needs onnx", extra="learning")
         self._nodes: list[Any] = []
         self._constants: list[Any] = []
 

@@ -9,7 +9,8 @@ graph. Further inputs such as the speed are concatenated with the features befor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.extras import import_extra
 
 if TYPE_CHECKING:
     import torch
@@ -63,11 +64,7 @@ def import_torch() -> Any:
     Raises:
         MissingDependencyError: it is not installed.
     """
-    try:
-        import torch
-    except ImportError:
-        raise MissingDependencyError("training needs PyTorch: pip install 'mirdrake[learning]'") from None
-    return torch
+    return import_extra("torch", need="training needs PyTorch", extra="learning")
 
 
 def make_pilotnet(architecture: Architecture) -> "torch.nn.Module":

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import ConfigError, MissingDependencyError, first_line
+from mirdrake.core.errors import ConfigError, first_line
+from mirdrake.core.extras import import_extra
 from mirdrake.core.files import read_errors
 from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.signals import Signal
@@ -110,10 +111,7 @@ class OnnxNetwork:
 
 
 def _make_session(content: bytes, file: Path) -> Any:
-    try:
-        import onnxruntime
-    except ImportError:
-        raise MissingDependencyError(f"{file}: a network needs ONNX Runtime: pip install 'mirdrake[network]'") from None
+    onnxruntime = import_extra("onnxruntime", need="a network needs ONNX Runtime", extra="network", where=str(file))
     options = onnxruntime.SessionOptions()
     # One thread and sequential execution: sums have a fixed order, so that results are bit-identical.
     options.intra_op_num_threads = options.inter_op_num_threads = 1

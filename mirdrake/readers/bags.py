@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.extras import import_extra
 from mirdrake.core.wording import plural
 from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.tables import Request, Table
@@ -137,12 +138,10 @@ def _open(path: Path, stack: ExitStack) -> Bag:
     # Files with JSON or Protobuf need no ROS; those with ROS messages are read by rosbags.
     if path.suffix == ".mcap" and (bag := _open_mcap(path, stack)) is not None:
         return bag
-    try:
-        highlevel, typesys = import_module("rosbags.highlevel"), import_module("rosbags.typesys")
-    except ImportError:
-        raise MissingDependencyError(
-            f"{display_path(path)}: bags need a package: pip install 'mirdrake[bags]'"
-        ) from None
+    highlevel, typesys = (
+        import_extra(name, need="bags need a package", extra="bags", where=display_path(path))
+        for name in ("rosbags.highlevel", "rosbags.typesys")
+    )
     try:
         # Messages whose definition is not in the file are read with those of ROS 2 Humble.
         own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
@@ -181,13 +180,9 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
     def decoder(schema: Any, channel: Any) -> Callable[[bytes], Any]:
         if channel.message_encoding == "json":
             return json.loads
-        try:
-            factory = import_module("mcap_protobuf.decoder").DecoderFactory()
-        except ImportError:
-            raise MissingDependencyError(
-                f"{display_path(path)}: needs packages for Protobuf: pip install 'mirdrake[bags]'"
-            ) from None
-        decoder: Callable[[bytes], Any] = factory.decoder_for("protobuf", schema)
+        need = "needs packages for Protobuf"
+        protobuf = import_extra("mcap_protobuf.decoder", need=need, extra="bags", where=display_path(path))
+        decoder: Callable[[bytes], Any] = protobuf.DecoderFactory().decoder_for("protobuf", schema)
         return decoder
 
     def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:

@@ -3,14 +3,14 @@
 import pickle
 import subprocess
 import sys
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.extras import import_extra
 from mirdrake.core.yaml_io import display_path
 from mirdrake.readers.tables import Request, Table, read_bytes, vectors
 
@@ -58,13 +58,8 @@ def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
 
 def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
     """Return the numbers of a MAT file of version 7.3, groups as mappings."""
-    try:
-        h5py = import_module("h5py")
-    except ImportError:
-        raise MissingDependencyError(
-            f"{display_path(path)}: is MAT version 7.3, which needs h5py: pip install 'mirdrake[bags]'; "
-            "or save it with -v7"
-        ) from None
+    need = "is MAT version 7.3, which needs h5py"
+    h5py = import_extra("h5py", need=need, extra="bags", otherwise="; or save it with -v7", where=display_path(path))
 
     def plain(item: Any) -> Any:
         # Groups are structures; texts and references have no numbers.

@@ -11,11 +11,11 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from itertools import product
 from typing import Any, Protocol
 
-from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.extras import import_extra
 from mirdrake.studies.sampling import divide, draw, spread
 from mirdrake.studies.spec import ParameterSpec
 
@@ -167,10 +167,7 @@ class OptunaProposer:
             return samplers.NSGAIISampler(seed=seed, population_size=population, crossover=crossover)
         if len(self._space) < 2:
             raise ConfigError("method: cma needs at least two ranges; use tpe for one")
-        try:
-            import_module("cmaes")
-        except ImportError:
-            raise MissingDependencyError("CMA-ES needs cmaes: pip install 'mirdrake[tuning]'") from None
+        import_extra("cmaes", need="CMA-ES needs cmaes", extra="tuning")
         first = dict(start[0]) if start else None
         return samplers.CmaEsSampler(seed=seed, x0=first, warn_independent_sampling=False)
 
@@ -211,11 +208,9 @@ def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
 
 
 def _optuna() -> Any:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return import_module("optuna")
-    except ImportError:
-        raise MissingDependencyError(
-            "tpe, cma and nsga2 need Optuna: pip install 'mirdrake[tuning]'; grid, sobol and latin_hypercube do not"
-        ) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return import_extra(
+            "optuna", need="tpe, cma and nsga2 need Optuna", extra="tuning",
+            otherwise="; grid, sobol and latin_hypercube do not",
+        )  # fmt: skip

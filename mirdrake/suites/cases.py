@@ -394,8 +394,13 @@ def _distinct(collected: Sequence[tuple[str, Case]]) -> list[Case]:
 def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[str]:
     """Yield the faults of a test, a line each."""
     spec = world.spec
-    for car in (test, *test.others.values()):
+    first_at: dict[str, str] = {}
+    for name, car in {VEHICLE: test, **test.others}.items():
         yield from _vehicle_faults(world, car)
+        other = first_at.setdefault(car.start or next(iter(world.starts)), name)
+        if other != name:
+            location = where(car, "start")
+            yield f"{location}: '{name}' starts at the place of '{other}'; give each vehicle a start of its own"
     # Every place that names a parameter, with its location.
     named = [(key, where(test, "variations", key)) for key in test.variations]
     named += [(key, where(spec, "params")) for key in values]

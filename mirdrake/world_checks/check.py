@@ -184,11 +184,11 @@ class _Trips:
                 yield _Trip(rule.vehicle, where(rule, "vehicle"), rule.from_, rule.to, rule.margin, where(rule))
             else:
                 self.faults.append(Fault("rule", sentences.goal_as_start(rule.from_), where(rule, "from")))
-        for test in world.spec.tests:
-            start = test.start if test.start is not None else next(iter(world.starts))
-            if start in world.starts and (test.goal is None or test.goal in world.goals):
-                location = where(test, "goal" if test.goal is not None else "start")
-                yield _Trip(test.vehicle, where(test, "vehicle"), start, test.goal, 0.0, location)
+        for car in (car for test in world.spec.tests for car in (test, *test.others.values())):
+            start = car.start if car.start is not None else next(iter(world.starts))
+            if start in world.starts and (car.goal is None or car.goal in world.goals):
+                location = where(car, "goal" if car.goal is not None else "start")
+                yield _Trip(car.vehicle, where(car, "vehicle"), start, car.goal, 0.0, location)
         if vehicle is not None:
             for start in world.starts:
                 yield _Trip(vehicle, "--vehicle", start, None, 0.0, where(world.spec, "start", start))

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.drivable_line import DrivingLimits
-from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, find_track
+from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, track_to_follow
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
@@ -101,7 +101,7 @@ class FollowPathSpec(Driver):
         del folder
         try:
             if self.points is None:
-                track = find_track(world, self.track)
+                track = track_to_follow(world, self.track)
             else:
                 law = Ackermann(vehicle.geometry)
                 track = track_through(self.points, radius=_RADIUS_MARGIN / law.curvature(law.limit))

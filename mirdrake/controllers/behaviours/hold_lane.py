@@ -12,7 +12,7 @@ from mirdrake.controllers.behaviours.fan import BEAMS, Fan, range_signals
 from mirdrake.controllers.behaviours.laws import approach_speed, stopping_distance
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
-from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, Reaction, find_track
+from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, Reaction, track_to_follow
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_vector_input
@@ -173,6 +173,6 @@ class HoldLaneSpec(Driver):
         """
         del folder
         try:
-            return HoldLane(vehicle, find_track(world, self.track), self)
+            return HoldLane(vehicle, track_to_follow(world, self.track), self)
         except ConfigError as error:
             raise ConfigError(str(error), where=self.place("track", where)) from None

@@ -69,6 +69,15 @@ class Hull:
     faces: NDArray[np.int64]
     volume: float
 
+    def depths(self, points: Array) -> Array:
+        """Return the distances of points (n, 3) below its surface [m], negative outside."""
+        a, b, c = (self.points[self.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1)
+        normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
+        distances: Array = (np.einsum("ij,ij->i", normal, a) - points @ normal.T).min(axis=1)
+        return distances
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -205,19 +214,14 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
 
 def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
     """Return whether the centres of all triangles are at most 2 % of the size below the surface of the hull."""
-    a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
     size = float(np.linalg.norm(np.ptp(hull.points, axis=0)))
     # A sample of the triangles is enough for large meshes.
     corners = points[faces[:: 1 + len(faces) // _SAMPLES]]
     middles = np.concatenate((corners.mean(axis=1), *(0.5 * (corners[:, k] + corners[:, k - 1]) for k in range(3))))
-    offset = np.einsum("ij,ij->i", normal, a)
     # Chunks of about five million distances limit the memory.
     return all(
-        float((offset - chunk @ normal.T).min(axis=1).max()) <= _CONVEX * size
-        for chunk in np.array_split(middles, max(1, len(middles) * len(normal) // 5_000_000))
+        float(hull.depths(chunk).max()) <= _CONVEX * size
+        for chunk in np.array_split(middles, max(1, len(middles) * len(hull.faces) // 5_000_000))
     )
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mirdrake.core.errors import MissingDependencyError, ModelError, did_you_mean
+from mirdrake.core.extras import import_extra
 from mirdrake.core.meshes import area_vectors, linear_to_srgb
 from mirdrake.importing.changes import Change, Code
 
@@ -32,7 +33,6 @@ INVISIBLE = 0.01
 """Opacity below which opacity and transparency of a material are assumed to be exchanged."""
 
 _FAR = 1e9  # in the file's unit, beyond which a coordinate is taken for a broken number
-EXTRA = "pip install 'mirdrake[import]'"
 
 
 class MeshError(ModelError):
@@ -460,10 +460,7 @@ def _trimesh_material(given: Any) -> Material:
 
 
 def _read_dae(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
-    try:
-        import collada
-    except ImportError:
-        raise MissingDependencyError(f"COLLADA meshes (.dae) need pycollada: {EXTRA}") from None
+    collada = import_extra("collada", need="COLLADA meshes (.dae) need pycollada", extra="import")
     from mirdrake.importing.meshes.dae import read_collada
 
     document = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])

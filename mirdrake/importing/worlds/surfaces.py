@@ -178,15 +178,13 @@ def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
     """Return whether a body is convex to 2 mm and closed on top."""
     hull = make_hull(points[np.unique(faces)])
-    a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
     # The matrix of all distances would need too much memory.
-    if len(faces) * len(normal) > 2_000_000:
+    if len(faces) * len(hull.faces) > 2_000_000:
         return False
-    below = np.einsum("ij,ij->i", normal, a) - points[faces].mean(axis=1) @ normal.T
-    return float(below.min(axis=1).max()) < 2e-3 and float(np.mean(_gaps(points[faces]) < 0.05)) > 0.9
+    return (
+        float(hull.depths(points[faces].mean(axis=1)).max()) < 2e-3
+        and float(np.mean(_gaps(points[faces]) < 0.05)) > 0.9
+    )
 
 
 def _parts(points: Array, faces: NDArray[np.int64], width: float, *, any_number: bool) -> list[Array] | None:
