@@ -201,7 +201,8 @@ def read_scene(folder: Path) -> Scene:
     path = folder / FOLDER / FILE
     if not path.is_file():
         raise RunError(
-            f"carries no scene (no file {FOLDER}/{FILE}), so it cannot be drawn; run its spec.yaml again", where=folder
+            f"carries no scene (no file {FOLDER}/{FILE}), so it cannot be drawn; run its spec.yaml again",
+            where=str(folder),
         )
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -66,5 +66,5 @@ def _rows(table: Path) -> Iterator[list[str]]:
 
 def _table_of(run: Run) -> Path:
     if run.folder is None or not stored(run.folder / SIGNALS):
-        raise RunError("no signals were recorded; there is nothing to export", where=run.folder)
+        raise RunError("no signals were recorded; there is nothing to export", where=str(run.folder))
     return run.folder / SIGNALS

@@ -38,7 +38,7 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
     cameras = {name: [p for p in pictures if p.path.suffix == ".jpg"] for name, pictures in run.pictures.items()}
     cameras = {name: pictures for name, pictures in cameras.items() if pictures}
     if not cameras:
-        raise RunError("has no pictures; record them with record: {cameras: true}", where=run.folder)
+        raise RunError("has no pictures; record them with record: {cameras: true}", where=str(run.folder))
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return {folder / f"{name}.mp4": write_video(p, folder / f"{name}.mp4") for name, p in cameras.items()}

@@ -318,7 +318,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
     with read_errors(file):
         # Drives of a continued study must be those of the network that the journal describes.
         if digest(file.read_bytes()) != record["sha256"]:
-            raise ConfigError("has changed since it was trained; choose another folder with --out", where=file)
+            raise ConfigError("has changed since it was trained; choose another folder with --out", where=str(file))
     drives = {
         label: _network_run(setup, f"drive-{number}-{label}", number, world, spec.drive.laps)
         for label, world in setup.judged.items()

@@ -104,7 +104,7 @@ def read_result(folder: Path) -> CloneResult:
     """
     file = folder / RESULT
     if not file.is_file():
-        raise ConfigError(f"not the folder of a finished learning study (it has no {RESULT})", where=folder)
+        raise ConfigError(f"not the folder of a finished learning study (it has no {RESULT})", where=str(folder))
     with read_errors(file):
         data = dict(parse_json(file.read_text(encoding="utf-8")))
     return read_record(CloneResult, {**data, "folder": folder}, str(file))

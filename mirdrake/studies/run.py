@@ -156,7 +156,7 @@ def load_results(folder: Path | str) -> StudyResult:
         schema = make_schema(manifest["units"], manifest["study"]["metrics"], verdict=of_manoeuvre)
         runs = int(manifest["runs"])
     except (KeyError, TypeError, ValueError):
-        raise ConfigError("its study.json is incomplete", where=folder) from None
+        raise ConfigError("its study.json is incomplete", where=str(folder)) from None
     model = manifest["study"].get("model", "plant")
     # Until the study is complete, its rows are in one file per shard.
     in_shards = (model == "single_track" or of_manoeuvre) and not (folder / RESULTS_FILE).is_file()

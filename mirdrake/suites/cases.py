@@ -395,7 +395,8 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     """Yield the faults of a test, a line each."""
     spec = world.spec
     first_at: dict[str, str] = {}
-    for name, car in {VEHICLE: test, **test.others}.items():
+    cars: dict[str, CaseSpec | OtherSpec] = {VEHICLE: test, **test.others}
+    for name, car in cars.items():
         yield from _vehicle_faults(world, car)
         other = first_at.setdefault(car.start or next(iter(world.starts)), name)
         if other != name:

@@ -125,7 +125,7 @@ def load_suite(folder: Path | str) -> Suite:
     folder = Path(folder)
     file = folder / CASES_FILE
     if not file.is_file():
-        raise ConfigError(f"not the folder of a suite (it has no {CASES_FILE})", where=folder)
+        raise ConfigError(f"not the folder of a suite (it has no {CASES_FILE})", where=str(folder))
     with read_errors(file):
         cases = tuple(_case(data) for data in parse_json(file.read_text(encoding="utf-8"))["cases"])
     return Suite(cases, _results(cases, read_records(folder / RESULTS_FILE, key="digest"), folder), folder)

@@ -169,7 +169,7 @@ def embedded(picture: Picture) -> str:
 def _page(run: Run, pictures: Mapping[str, Sequence[Picture]], source: Callable[[str, Picture], str]) -> str:
     """Return the Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
-        raise RunError("has no samples to replay", where=run.folder)
+        raise RunError("has no samples to replay", where=str(run.folder))
     page = recording_page(run)
     start = float(run.signals.index[0])
     cameras = [

@@ -25,6 +25,7 @@ from mirdrake.world_checks.starts import find_bad_start, find_inside_props
 from mirdrake.world_checks.support import find_gaps, find_unsupported
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.actors_spec import conditions
+from mirdrake.worlds.case_spec import CaseSpec, OtherSpec
 from mirdrake.worlds.clearance import Volume
 
 _CAR = "bolt"  # the default car of the first steps
@@ -184,7 +185,8 @@ class _Trips:
                 yield _Trip(rule.vehicle, where(rule, "vehicle"), rule.from_, rule.to, rule.margin, where(rule))
             else:
                 self.faults.append(Fault("rule", sentences.goal_as_start(rule.from_), where(rule, "from")))
-        for car in (car for test in world.spec.tests for car in (test, *test.others.values())):
+        cars: list[CaseSpec | OtherSpec] = [car for test in world.spec.tests for car in (test, *test.others.values())]
+        for car in cars:
             start = car.start if car.start is not None else next(iter(world.starts))
             if start in world.starts and (car.goal is None or car.goal in world.goals):
                 location = where(car, "goal" if car.goal is not None else "start")
