@@ -1,4 +1,8 @@
-"""Reader of XML files to trees with the line of each element; files are bounded in size and have no entities."""
+"""Reader of XML files to trees with the line of each element; files are bounded in size and have no entities.
+
+Over expat of the standard library: ElementTree's own parser has no lines, and lxml would be one more dependency for
+them alone.
+"""
 
 import re
 from collections import Counter
@@ -88,7 +92,6 @@ def parse_xml(
         data = data[:begin] + b"\n" * late[1].count(b"\n") + data[end_of_it:]
         parser = expat.ParserCreate(late[2].decode() if late[2] else None)
 
-    # ElementTree's own parser does not keep line numbers, which the messages need.
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag if prefixes else tag.rpartition(":")[2], attributes)
         lines[element] = parser.CurrentLineNumber

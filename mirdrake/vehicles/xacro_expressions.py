@@ -4,7 +4,8 @@ The syntax tree of an expression is walked and computed here, so that a file can
 else: numbers, text, lists, dictionaries, arithmetic, comparisons, conditions, comprehensions, formatted text, indexing,
 and calls of the functions that xacro documents (``math.*``, ``python.*``, ``xacro.*``). ``lambda``,
 attributes of Python objects, and methods other than those in :data:`METHODS` are rejected. Every value has a bounded
-size, and every expression a bounded number of steps.
+size, and every expression a bounded number of steps. Libraries for expressions, such as asteval, bound neither time nor
+the size of all values.
 """
 
 import ast

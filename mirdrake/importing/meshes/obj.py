@@ -1,4 +1,8 @@
-"""Wavefront OBJ files as triangles: one piece for each object, set of groups and material."""
+"""Wavefront OBJ files as triangles: one piece for each object, set of groups and material.
+
+The reader of trimesh divides concave polygons into fans, which cover their notches, and joins the names of object and
+groups, by which SDF files choose parts of a mesh.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
