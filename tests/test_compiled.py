@@ -2,6 +2,7 @@
 
 import importlib
 import runpy
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,6 +117,24 @@ def test_cached_code_of_a_class_that_was_renamed_is_no_obstacle(tmp_path, monkey
         assert function(getattr(kinds, name)(2.0)) == 2.0
         assert function._cache_misses
         assert Path(function._cache.cache_path).is_relative_to(tmp_path)
+
+
+def test_kept_code_is_read_without_the_compiler_which_is_prepared_when_something_is_compiled(tmp_path):
+    script = tmp_path / "steps.py"
+    script.write_text(
+        "import sys\nfrom mirdrake.core.compiled import compiled\n\n\n"
+        "def square(x):\n    return x * x\n\n\ndef sums(x):\n    return x.sum() + x.mean()\n\n\n"
+        "function = compiled(square, parts=())\n"
+        "print(function(3.0), sum(function._cache_hits.values()), 'numba.np.arraymath' in sys.modules)\n"
+        "if len(sys.argv) > 1:\n    import numpy as np\n    print(compiled(sums, parts=())(np.ones(3)))\n",
+        encoding="utf-8",
+    )
+    calls = [[], [], ["compile"]]
+    outputs = [
+        subprocess.run([sys.executable, str(script), *more], capture_output=True, text=True, check=True).stdout.split()
+        for more in calls
+    ]
+    assert outputs == [["9.0", "0", "True"], ["9.0", "1", "False"], ["9.0", "1", "False", "4.0"]]
 
 
 def test_kept_code_is_of_another_version_when_the_source_of_any_part_changes(tmp_path):

@@ -177,6 +177,7 @@ def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Calla
     """Return a compiled function whose machine code is cached by the version."""
     from numba import njit
     from numba.core.caching import FunctionCache, IndexDataCacheFile
+    from numba.core.runtime import rtsys
 
     class File(IndexDataCacheFile):
         """Files of the machine code; those that cannot be read, as of another version of mirdrake, do not exist."""
@@ -204,6 +205,13 @@ def _cached(function: Callable[..., Any], version: int, *, nogil: bool) -> Calla
             super().__init__(function)
             name = f"{self._impl.filename_base}.{version:x}"
             self._cache_file = File(self._cache_path, name, self._impl.locator.get_source_stamp())
+
+        # Numba would prepare its compiler here, which takes longer than reading the code; the code needs the runtime
+        # only. A compilation prepares the compiler itself.
+        def load_overload(self, sig: Any, target_context: Any) -> Any:
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
 
     machine_code: Any = njit(nogil=nogil)(function)
     with suppress(RuntimeError):  # no folder is writable

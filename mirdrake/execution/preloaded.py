@@ -10,7 +10,7 @@ import gc
 gc.disable()
 
 from numba.core.registry import cpu_target  # noqa: E402 - without garbage collection
+from numba.core.runtime import rtsys  # noqa: E402
 
-# As Numba does before it reads the cache; what is loaded is not loaded again.
-cpu_target.target_context.refresh()
-cpu_target.typing_context.refresh()
+# As before reading machine code from the cache; what is loaded is not loaded again.
+rtsys.initialize(cpu_target.target_context)
