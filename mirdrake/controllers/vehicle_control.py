@@ -8,7 +8,6 @@ update itself costs more than the laws in it. :class:`ControlUnit` holds the ste
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -187,13 +186,14 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._setups: Any = (self.setup,)
         self._gain_numbers: list[Any] = [[number] for number in numbers]
         wheels = _with_equal_speeds(self.steering_law.wheels) if single_track else self.steering_law.wheels
-        self._run: Callable[..., tuple[float, float]] = partial(control_step, wheels, *laws)
+        self._run: Callable[[tuple[Any, ...]], tuple[float, float]]
+        self._run = lambda arguments: control_step(wheels, *laws, *arguments)
         self._machine_code = machine_code
         if machine_code:
             self._setups = records(ControlSetup, [self.setup])
             self._gain_numbers = [records(type(number), [number]) for number in numbers]
             parts: list[Callable[..., Any]] = [*CONTROL_PARTS, *wheel.law_parts, *steering.law_parts]
-            self._run = compiled(control_step, (wheels, *laws), parts=parts)
+            self._run = entry_point(compiled(control_step, (wheels, *laws), parts=parts))
         # A kind of the user's has its own law of the pedals, which stays in Python.
         self._press: Callable[[tuple[Any, ...]], PedalPositions] | None = None
         if machine_code and powertrain is not None and isinstance(self.pedal_law, PedalLaw):
@@ -250,7 +250,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
                 self._written[group] = self._gain_numbers[group][0] = numbers
         given = (x, command) if self._machine_code else (x.tolist(), command.tolist())  # lists are faster in Python
         slope, trimmed = self._run(
-            *given, context.get_time(), self._setups, *self._gain_numbers, memory, desired, actuation, status
+            (*given, context.get_time(), self._setups, *self._gain_numbers, memory, desired, actuation, status)
         )
         if self.pedal_law is None:
             return trimmed, None

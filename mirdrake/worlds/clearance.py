@@ -119,12 +119,12 @@ def _slabs(points: Array, low: float) -> Iterator[Slab]:
 
 
 def _hull(points: Array) -> Array:
-    corners = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
+    corners = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(points)))
     return np.asarray(corners[:-1] if len(corners) > 2 else corners)
 
 
 def _area(corners: Array) -> float:
-    return float(shapely.MultiPoint(corners).convex_hull.area)
+    return float(shapely.area(shapely.convex_hull(shapely.multipoints(corners))))
 
 
 def place_outline(outline: Array, poses: Array) -> Array:

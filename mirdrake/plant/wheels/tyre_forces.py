@@ -285,7 +285,10 @@ class _Equations(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _solve(self, context: Context) -> None:
         """Compute the forces of a step, its memory and its logged quantities."""
-        self._torques[:] = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else 0.0
+        if self.wheel_torque.HasValue(context):
+            self._torques[:] = self.wheel_torque.Eval(context)
+        else:
+            self._torques.fill(0.0)
         first, again = self._arguments
         # The step reports missing curves; they are made in Python, then the step is repeated.
         if not self.step(first):
