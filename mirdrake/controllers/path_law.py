@@ -165,9 +165,9 @@ def steering_step(
 ) -> float:
     """Return the bicycle angle [rad] that leads the rear axle centre to the drivable line.
 
-    The steering rate bounds what feedback can do over the distance d: curvature by rate d/(L v), slope by d times that.
-    Asking for more only makes it late, and in the end oscillate, so both parts of the feedback are limited, one inside
-    the other.
+    The steering rate limits the curvature that feedback can reach over the distance d to rate d/(L v), and the slope to
+    d times that. With a larger demand the steering would lag, and finally oscillate. Both parts of the feedback are
+    therefore limited, one inside the other.
 
     Args:
         path: numbers of the centre line.
