@@ -398,10 +398,10 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     cars: dict[str, CaseSpec | OtherSpec] = {VEHICLE: test, **test.others}
     for name, car in cars.items():
         yield from _vehicle_faults(world, car)
-        other = first_at.setdefault(car.start or next(iter(world.starts)), name)
-        if other != name:
+        first = first_at.setdefault(car.start or next(iter(world.starts)), name)
+        if first != name:
             location = where(car, "start")
-            yield f"{location}: '{name}' starts at the place of '{other}'; give each vehicle a start of its own"
+            yield f"{location}: '{name}' starts at the place of '{first}'; give each vehicle a start of its own"
     # Every place that names a parameter, with its location.
     named = [(key, where(test, "variations", key)) for key in test.variations]
     named += [(key, where(spec, "params")) for key in values]

@@ -185,7 +185,9 @@ class _Trips:
                 yield _Trip(rule.vehicle, where(rule, "vehicle"), rule.from_, rule.to, rule.margin, where(rule))
             else:
                 self.faults.append(Fault("rule", sentences.goal_as_start(rule.from_), where(rule, "from")))
-        cars: list[CaseSpec | OtherSpec] = [car for test in world.spec.tests for car in (test, *test.others.values())]
+        cars: list[CaseSpec | OtherSpec] = []
+        for test in world.spec.tests:
+            cars += [test, *test.others.values()]
         for car in cars:
             start = car.start if car.start is not None else next(iter(world.starts))
             if start in world.starts and (car.goal is None or car.goal in world.goals):
