@@ -72,7 +72,8 @@ def test_the_table_counts_coverage_and_wrong_decisions():
     fitted = Row(
         seed=0, kind="linear", fault="none", knowledge="all", manoeuvres=[], status="fitted", message="", seconds=1.0,
         parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, limited=True,
-        excluded=["vy"], found=[], held_out=90.0, noise_limit=95.0, baseline=95.0, notes=[],
+        excluded=["vy"], found=[], held_out=90.0, noise_limit=95.0, prediction_sigma=4.0,
+        baseline=95.0, notes=[],
     )  # fmt: skip
     rejected = fitted.copy()
     rejected["seed"], rejected["status"], rejected["parameters"] = 1, "rejected", []
@@ -83,6 +84,8 @@ def test_the_table_counts_coverage_and_wrong_decisions():
     assert "| false delays | 100 % (1 of 1) | 2 % |" in table
     assert "| false rejections | 50 % (1 of 2) | 1 % |" in table
     assert "| validation, worse than the baseline by 2 points | 100 % (1 of 1) | 0 |" in table
+    assert "| the same where the parameters predict the log to 5 % | 100 % (1 of 1) | 0 |" in table
+    assert "| least difference over the stated deviation | -1.2 | > -2 |" in table
 
 
 @pytest.mark.slow

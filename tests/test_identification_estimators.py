@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from mirdrake.identification.estimators import EstimatorOptions, fit, output_err
 from mirdrake.identification.estimators.bootstrap import block_bootstrap
 from mirdrake.identification.estimators.covariance import Stretch, autoregression, score_covariance
 from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
-from mirdrake.identification.estimators.output_error import initial_noise
+from mirdrake.identification.estimators.output_error import initial_noise, prediction_deviations, validate_log
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.solve import assess, minimise, robust
@@ -72,6 +73,9 @@ def test_the_fit_has_the_noise_and_the_validation_fit(lateral):
         assert lateral.channel("yaw_rate", part=part).rms == pytest.approx(0.003, rel=0.1)
         assert lateral.channel("yaw_rate", part=part).nrmse_percent > 95.0
         assert lateral.channel("lateral_acceleration", part=part).whiteness_p > 1e-4
+    assert lateral.channel("yaw_rate", part="train").prediction_sigma_percent is None
+    assert lateral.channel("yaw_rate").prediction_sigma_percent < 2.0
+    assert not any("determine" in note for note in lateral.notes)
     assert set(lateral.traces) == {"drive", "held"}
     assert {"t", "yaw_rate", "yaw_rate_model"} <= set(lateral.traces["held"])
     assert lateral.correlation.shape == (6, 6)
@@ -97,6 +101,25 @@ def test_offsets_begin_at_the_median_of_the_residuals():
         offsets.append(z[len(problem.free)] * model.offset_scale("yaw_rate"))
         assert np.median(drives[0].outputs["yaw_rate"] - problem.traces(z)[0][0]) == pytest.approx(0.0, abs=1e-9)
     assert offsets[1] - offsets[0] == pytest.approx(0.1, abs=0.002)
+
+
+def test_the_deviation_of_a_prediction_is_the_change_of_the_outputs_with_a_parameter():
+    """A front stiffness that is known to 1 %, and nothing else unknown, against two runs that differ by 1 %."""
+    held = lateral_log(1, name="held", use="validation")
+    model = make_model(ModelSpec("single_track"), DataSet((held,), wheelbase=FRONT + REAR), {"mass": MASS})
+    drives, _ = make_segments(model, (held,))
+    problem = Problem(model, drives, resolve_parameters(model.parameters, LATERAL), initial_noise(model, drives), False)
+    z = problem.scaled(problem.values(np.zeros(problem.size)) | TRUTH)
+    solution: Any = SimpleNamespace(problem=problem, z=z)
+    covariance = np.zeros((len(problem.free), len(problem.free)))
+    covariance[0, 0] = 0.01**2
+    sizes = prediction_deviations(validate_log(held, solution, "linear"), problem, covariance)
+    assert problem.free[0].info.name == "cornering_stiffness_front"
+    moved = z + 0.01 * np.eye(problem.size)[0]
+    change = problem.traces(moved)[0] - problem.traces(z)[0]
+    for size, row, name in zip(sizes, change, model.outputs, strict=True):
+        expected = 100.0 * np.sqrt(np.mean(row**2)) / np.nanstd(drives[0].outputs[name])
+        assert size == pytest.approx(expected, rel=0.05)
 
 
 def test_a_fit_comes_back_from_its_folder(lateral, tmp_path):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.multibody.tree import BodyIndex
+from scipy.stats import norm
 
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
@@ -207,13 +208,18 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
 
 @pytest.mark.slow
 def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt):
+    """The largest of 500 errors is limited by the intervals: of normal errors one in a thousand sets exceeds it."""
     expected = tyres_and_inertia() | {"steering_delay": LATE, "steering_lag": LAG}
-    counts: dict[str, int] = {}
-    for seed in range(100):
+    seeds, counts = 100, dict[str, int]()
+    worst: dict[str, tuple[float, ...]] = {}
+    for seed in range(seeds):
         fitted_model: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
         _inside(fitted_model, expected, counts)
         for name, value in expected.items():
-            assert fitted_model[name].value == pytest.approx(value, rel=0.02), (name, seed)
+            off = (fitted_model[name].value - value) * CALIBRATION / fitted_model[name].sigma
+            worst[name] = max(worst.get(name, (0.0,)), (abs(off), seed, fitted_model[name].value / value - 1.0))
+    limit = norm.isf(0.5e-3 / (seeds * len(expected)))
+    assert all(off < limit for off, *_ in worst.values()), worst
     assert all(90 <= count <= 99 for count in counts.values()), counts
 
 

@@ -72,6 +72,7 @@ class Row(TypedDict):
     found: list[str]
     held_out: float | None
     noise_limit: float | None
+    prediction_sigma: float | None
     baseline: float | None
     notes: list[str]
 
@@ -161,7 +162,7 @@ def run_case(seed: int) -> Row:
         "seed": seed, "kind": case.vehicle.kind, "fault": case.fault, "knowledge": case.knowledge,
         "manoeuvres": list(case.manoeuvres), "status": "fitted", "message": "", "seconds": 0.0, "parameters": [],
         "false_repairs": [], "false_delays": [], "missed": False, "limited": False, "excluded": [],
-        "found": [], "held_out": None, "noise_limit": None,
+        "found": [], "held_out": None, "noise_limit": None, "prediction_sigma": None,
         "baseline": None, "notes": [],
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as directory:
@@ -215,6 +216,9 @@ def run_case(seed: int) -> Row:
             "vy" in finding.channels and finding.severity == "fault" for finding in result.check.findings
         )
     row["held_out"], row["noise_limit"] = held_out_fit(result.fit)
+    sizes = [entry.prediction_sigma_percent for entry in result.fit.channels
+             if entry.part == "validation" and entry.channel == "yaw_rate"]  # fmt: skip
+    row["prediction_sigma"] = max((size for size in sizes if size is not None), default=None)
     row["notes"] = list(result.fit.notes)
     return row
 

@@ -14,6 +14,9 @@ CLEAR = 0.1
 CLOSE = 0.06
 """Relative error and standard deviation by noise below which "not identifiable" is wrong [1]."""
 
+DETERMINED = 5.0
+"""Standard deviation of a prediction by the parameters below which the training logs determine it [%]."""
+
 FITTED_KINDS = frozenset({"linear", "brush", "magic"})
 """Truths that the fitted model contains."""
 
@@ -91,8 +94,9 @@ def make_table(rows: Sequence["Row"]) -> str:
     turned = [row for row in driven if row["fault"] == "vy_sign"]
     missed = sum(row["status"] == "fitted" and row["missed"] for row in turned)
     add("wrong sign of vy missed", _share(missed, len(turned)), "0")
-    gains = [row["held_out"] - row["baseline"] for row in checked
-             if row["held_out"] is not None and row["baseline"] is not None]  # fmt: skip
+    compared = [(row["held_out"] - row["baseline"], row["prediction_sigma"]) for row in checked
+                if row["held_out"] is not None and row["baseline"] is not None]  # fmt: skip
+    gains = [gain for gain, _ in compared]
     if gains:
         add("validation, median over the baseline", f"{np.median(gains):+.1f} points", "> 0")
         add(
@@ -100,6 +104,14 @@ def make_table(rows: Sequence["Row"]) -> str:
             _share(sum(gain < -2.0 for gain in gains), len(gains)),
             "0",
         )
+        known = [gain for gain, sigma in compared if sigma is not None and sigma < DETERMINED]
+        add(
+            f"the same where the parameters predict the log to {DETERMINED:g} %",
+            _share(sum(gain < -2.0 for gain in known), len(known)),
+            "0",
+        )
+        least = [gain / sigma for gain, sigma in compared if sigma]
+        add("least difference over the stated deviation", f"{min(least, default=np.nan):.1f}", "> -2")
         add(
             "validation, median",
             f"{np.median([row['held_out'] for row in checked if row['held_out'] is not None]):.1f} %",

@@ -74,6 +74,8 @@ class ChannelFit:
         rms: root mean square of the residual [unit].
         whiteness_p: p-value of the hypothesis of white residuals (Ljung-Box) [1].
         input_correlation_p: p-value of the hypothesis of residuals uncorrelated with the inputs [1].
+        prediction_sigma_percent: standard deviation of the prediction by the uncertainty of the parameters, over that
+            of the measured values [%]; None for training.
     """
 
     log: str
@@ -85,6 +87,7 @@ class ChannelFit:
     rms: float
     whiteness_p: float | None = None
     input_correlation_p: float | None = None
+    prediction_sigma_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -183,10 +186,24 @@ class Fit:
             if parameter.explanation and parameter.kind != "fixed"
         ]
         if self.channels:
-            rows = [("log", "part", "channel", "fit %", "noise limit", "rms", "unit", "white p", "inputs p")]
+            rows = [
+                (
+                    "log",
+                    "part",
+                    "channel",
+                    "fit %",
+                    "noise limit",
+                    "± % by parameters",
+                    "rms",
+                    "unit",
+                    "white p",
+                    "inputs p",
+                )
+            ]
             rows += [
                 (channel.log, channel.part, channel.channel,
                  f"{channel.nrmse_percent:.1f}", f"{channel.noise_limit_percent:.0f}",
+                 half_width(channel.prediction_sigma_percent),
                  _number(channel.rms), format_unit(channel.unit),
                  _number(channel.whiteness_p, "", 2), _number(channel.input_correlation_p, "", 2))
                 for channel in self.channels

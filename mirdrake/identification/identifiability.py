@@ -61,6 +61,20 @@ class Uncertainty:
     structures: Array | None = None
     model_error: bool = False
 
+    def covariance(self, noise: Array) -> Array:
+        """Return the covariance of the scaled free parameters by all causes (p, p), with the factor of calibration.
+
+        Args:
+            noise: covariance by noise (p, p).
+        """
+        whole = noise.copy()
+        for effect in self.effects:
+            whole += np.outer(effect.shift, effect.shift)
+        for sizes in (self.between, self.structures):
+            if sizes is not None:
+                whole += np.diag(sizes**2)
+        return CALIBRATION**2 * whole
+
 
 def judge(
     model: Model,

@@ -55,6 +55,14 @@ def explanation(judgement: Judgement) -> str:
     return text
 
 
+def uncertain_prediction(log: str, channel: str, percent: float | None) -> str:
+    """Return a note that the training logs do not determine a validation log."""
+    size = (
+        "not at all" if percent is None or 1.96 * percent > 100.0 else f"to ± {1.96 * percent:.0f} % of its motion only"
+    )
+    return f"log {log}: the training logs determine its {channel} {size}; train with a manoeuvre that is as fast"
+
+
 def _width(parameter: FitParameter, sigma: float) -> str:
     """Return half of a 95 % interval as text with its unit."""
     if parameter.logarithmic:

@@ -1,9 +1,11 @@
 """Output-error fit of a model to a data set: settings, least squares, intervals, verdicts, validation."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,7 +14,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.identification import messages
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
-from mirdrake.identification.estimators.consistency import prior_information, split, split_by_output, variation
+from mirdrake.identification.estimators.consistency import Part, prior_information, split, split_by_output, variation
 from mirdrake.identification.estimators.experiment_design import Candidate, rank_manoeuvres
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem, transfer_states
@@ -26,6 +28,9 @@ from mirdrake.identification.models.base import SPEED, Array, AssumptionEffect, 
 from mirdrake.identification.models.registry import make_model
 from mirdrake.identification.parameters import FitParameter, Setting, known_values, resolve_parameters
 from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
+
+UNCERTAIN = 5.0
+"""Standard deviation of a prediction by the parameters from which it is noted [%]."""
 
 
 def fit(
@@ -70,10 +75,11 @@ def fit(
     effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
-    between, structures = between_parts(data, solution, options), between_structures(solution, rivals)
+    validated = {log.name: validate_log(log, solution, options.loss) for log in data.validation}
+    between, structures = between_parts(solution, options, validated.values()), between_structures(solution, rivals)
     result = summarise(
         data, solution, unknowns, name=name, options=options, notes=notes, effects=effects, between=between,
-        structures=structures,
+        structures=structures, validated=validated,
     )  # fmt: skip
     return replace(result, seconds=time.perf_counter() - begun)
 
@@ -103,27 +109,44 @@ def _minimum(problem: Problem, options: EstimatorOptions, start: Minimum | None)
     return minimise(problem, options, z, passes=3)
 
 
-def between_parts(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
+class Validation(NamedTuple):
+    """Validation log, with fitted offsets and initial states.
+
+    Attributes:
+        pairs: its segments, and the outputs of the model with offsets (outputs, n).
+        parts: segments to first order in the parameters; empty if the model diverges.
+    """
+
+    pairs: list[tuple[Segment, Array]]
+    parts: list[Part]
+
+
+def validate_log(log: Log, solution: Solution, loss: str) -> Validation:
+    """Return a validation log at the parameters of a fit; only what belongs to the log is estimated again."""
+    problem, model = solution.problem, solution.problem.model
+    values = problem.values(solution.z)
+    drives = after_unknown_inputs(model, make_segments(model, (log,))[0], values)
+    fixed = Problem(model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
+    try:
+        own = _fit_offsets(fixed)
+        pairs = list(zip(drives, fixed.traces(own), strict=True))
+    except (RunError, FloatingPointError):
+        return Validation([(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives], [])
+    other = replace(fixed, unknowns=problem.unknowns)
+    z = np.append(other.scaled(values)[: len(problem.free)], own)
+    return Validation(pairs, split(other, z, loss))
+
+
+def between_parts(solution: Solution, options: EstimatorOptions, validated: Iterable[Validation] = ()) -> Array:
     """Return the standard deviation of the scaled free parameters between logs, and between outputs (p).
 
-    Validation logs count as well.
+    Validation logs count as well: their score tests the parameters.
     """
     problem = solution.problem
     span = sum(drive.size * drive.step for drive in problem.drives)
     # A single log is cut into halves.
     parts = split(problem, solution.z, options.loss, 0.5 * span if len(problem.drives) == 1 else np.inf)
-    values, count = problem.values(solution.z), len(problem.free)
-    for log in data.validation:
-        drives = after_unknown_inputs(problem.model, make_segments(problem.model, (log,))[0], values)
-        # Only offsets and initial states are fitted to a validation log; its score then tests the parameters.
-        fixed = Problem(problem.model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
-        other = replace(fixed, unknowns=problem.unknowns)
-        z = other.scaled(values)
-        try:
-            z[count:] = _fit_offsets(fixed)
-        except (RunError, FloatingPointError):
-            continue
-        parts += split(other, z, options.loss)
+    parts += [part for one in validated for part in one.parts]
     prior = prior_information(problem)
     outputs = split_by_output(problem, solution.z, options.loss)
     return np.asarray(np.hypot(variation(parts, prior), variation(outputs, prior)), dtype=np.float64)
@@ -198,6 +221,7 @@ def summarise(
     effects: Sequence[AssumptionEffect] = (),
     between: Array | None = None,
     structures: Array | None = None,
+    validated: Mapping[str, Validation] = MappingProxyType({}),
 ) -> Fit:
     """Return the fit of a solution: intervals, verdicts, traces, validation."""
     problem, model = solution.problem, solution.problem.model
@@ -220,12 +244,13 @@ def summarise(
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     # Residuals that are far from white show an error of the model.
-    channels, traces = evaluate_logs(data, solution)
+    uncertainty = Uncertainty(sigmas, correlation, solution.bound, effects, between, structures)
+    channels, traces = evaluate_logs(data, solution, validated, uncertainty.covariance(wide))
     error = any(
         channel.part == "train" and channel.whiteness_p is not None and channel.whiteness_p < 1e-3
         for channel in channels
     )
-    uncertainty = Uncertainty(sigmas, correlation, solution.bound, effects, between, structures, error)
+    uncertainty = replace(uncertainty, model_error=error)
     judged = judge(model, unknowns, values, uncertainty, problem.drives)
 
     # Notes and advice.
@@ -236,6 +261,11 @@ def summarise(
     if {"front_length", "rear_length", "mass"} & set(assumed):
         lines.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     lines += [unknown.info.source for unknown in unknowns if unknown.info.source.startswith("not given")]
+    lines += [
+        messages.uncertain_prediction(item.log, item.channel, item.prediction_sigma_percent)
+        for item in channels
+        if (item.prediction_sigma_percent or 0.0) > UNCERTAIN
+    ]
     # A dict removes repeated advice and keeps its order. Where the error of the model dominates, another drive does
     # not help.
     advice = dict.fromkeys(
@@ -285,37 +315,59 @@ def recommend_manoeuvre(solution: Solution) -> tuple[Candidate, float] | None:
     return None if best is None else (best, top)
 
 
-def evaluate_logs(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
-    """Return fits and traces of all logs; for validation logs only offsets and initial states are estimated."""
+def evaluate_logs(
+    data: DataSet, solution: Solution, validated: Mapping[str, Validation], covariance: Array
+) -> tuple[tuple[ChannelFit, ...], dict[str, pd.DataFrame]]:
+    """Return fits and traces of all logs.
+
+    Args:
+        data: logs.
+        solution: fit to the training logs.
+        validated: validation logs by name.
+        covariance: covariance of the scaled free parameters by all causes (p, p).
+    """
     model, problem = solution.problem.model, solution.problem
     channels: list[ChannelFit] = []
     traces: dict[str, pd.DataFrame] = {}
-    values = problem.values(solution.z)
-    # Parameters of the fit stay fixed for validation: only what belongs to a log is estimated again.
-    fixed = _fixed(problem, values)
     for log in data.logs:
+        sizes: list[float | None] = [None] * len(model.outputs)
         if log.use == "train":
             runs = problem.traces(solution.z)
             pairs = [(drive, run) for drive, run in zip(problem.drives, runs, strict=True) if drive.log == log.name]
         else:
-            pairs = simulate_validation(model, log, fixed, problem)
+            pairs = validated[log.name].pairs
+            sizes = prediction_deviations(validated[log.name], problem, covariance)
         if pairs:
-            channels += _fits(model, log, pairs)
+            channels += [
+                replace(entry, prediction_sigma_percent=size)
+                for entry, size in zip(_fits(model, log, pairs), sizes, strict=True)
+            ]
             traces[log.name] = _trace(model, pairs)
     return tuple(channels), traces
 
 
-def simulate_validation(
-    model: Model, log: Log, unknowns: Sequence[FitParameter], problem: Problem
-) -> list[tuple[Segment, Array]]:
-    """Return the segments of a validation log and the model outputs, with fitted initial states and offsets."""
-    values = {unknown.info.name: unknown.info.guess for unknown in unknowns}
-    drives = after_unknown_inputs(model, make_segments(model, (log,))[0], values)
-    again = Problem(model, drives, unknowns, problem.sigmas, problem.offsets)
-    try:
-        return list(zip(drives, again.traces(_fit_offsets(again)), strict=True))
-    except (RunError, FloatingPointError):
-        return [(drive, np.full((len(model.outputs), drive.size), np.nan)) for drive in drives]
+def prediction_deviations(validation: Validation, problem: Problem, covariance: Array) -> list[float | None]:
+    """Return the standard deviation of each output of a validation log by the parameters, over that of its values [%].
+
+    It is the root mean square over the log of D C Dᵀ, for the covariance C of the parameters and the derivatives D of
+    the outputs, in which offsets and initial states follow the parameters. None if the model diverges.
+
+    Args:
+        validation: validation log.
+        problem: problem of the fit.
+        covariance: covariance of the scaled free parameters by all causes (p, p).
+    """
+    if not validation.parts:
+        return [None] * len(problem.model.outputs)
+    slopes = np.concatenate([part.slopes for part in validation.parts])
+    sizes: list[float | None] = []
+    for i, name in enumerate(problem.model.outputs):
+        variance = float(np.mean(np.einsum("np,pq,nq->n", slopes[:, i], covariance, slopes[:, i])))
+        motion = float(np.nanstd(np.concatenate([drive.outputs[name] for drive, _ in validation.pairs])))
+        # A channel without motion has no fit either.
+        size = 100.0 * problem.sigmas[name] * max(variance, 0.0) ** 0.5 / motion if motion > 0.0 else np.nan
+        sizes.append(size if np.isfinite(size) else None)
+    return sizes
 
 
 def _fits(model: Model, log: Log, pairs: Sequence[tuple[Segment, Array]]) -> list[ChannelFit]:
