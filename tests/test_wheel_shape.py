@@ -16,6 +16,7 @@ from mirdrake.plant.wheel_shape import (
     SEGMENTS,
     make_wheel_shape,
     patch_size,
+    patch_slope,
     write_wheel_vtk,
 )
 from mirdrake.vehicles import WHEELS, load_vehicle
@@ -44,7 +45,7 @@ def test_the_mesh_fills_the_cylinder_without_its_concave_sides_and_every_tetrahe
     parts = volumes(points, cells)
     assert (parts > 0.0).all()
     # The polygon has the circle's area; each side is a cone, its tip inside.
-    dish = min(DISH * radius, 0.25 * width)
+    dish = min(DISH * radius, 0.4 * width)
     assert parts.sum() == pytest.approx(pi * radius**2 * (width - 2.0 * dish / 3.0), rel=1e-9)
 
 
@@ -114,6 +115,33 @@ def test_the_load_of_a_patch_is_that_of_the_pressure_in_the_polygon(depth):
         share = np.maximum(1.0 - (x * np.sin(middle) + down * np.cos(middle)) / apothem, 0.0)
         # The parts of the patch at the sides, below a pyramid with its tip at the axle, do not count.
         assert width * np.trapezoid(share * (1.0 - share), x) == pytest.approx(load, rel=0.001)
+
+
+def _patch(radius, width, depth, inclination, lifted=0.0):
+    """Return the integral of p / E over an inclined patch [m²], with the pressure as if it were lower by `lifted` [m].
+
+    The mesh is a pyramid with its tip in the axle: parts of the patch beside it do not count.
+    """
+    y, x = np.meshgrid(np.linspace(-0.5, 0.5, 2001) * width, np.linspace(-0.25, 0.25, 4001))
+    down = radius - depth - y * np.tan(inclination)
+    r = np.hypot(x, down)
+    inside = (r < radius) & (np.abs(y) < 0.5 * width * r / radius)
+    share = np.where(inside, 1.0 - np.hypot(x, down - lifted) / radius, 0.0)
+    return float(share.sum()) * (0.5 / 4000) * (width / 2000) / np.cos(inclination)
+
+
+@pytest.mark.parametrize("depth", [0.01, 0.022, 0.029])
+@pytest.mark.parametrize("inclination", [0.03, 0.08])
+def test_the_load_of_an_inclined_patch_is_that_of_the_pressure_in_it(depth, inclination):
+    radius, width = 0.32, 0.1
+    load = width * patch_size(radius, depth, inclination, width)
+    assert load == pytest.approx(_patch(radius, width, depth, inclination), rel=5e-4)
+
+
+def test_a_step_changes_the_pressure_of_a_patch_and_not_its_area():
+    radius, width, depth, lower = 0.32, 0.1, 0.022, 1e-4
+    change = _patch(radius, width, depth, 0.0, lower) - _patch(radius, width, depth, 0.0)
+    assert patch_slope(radius, depth) * width * lower == pytest.approx(change, rel=2e-3)
 
 
 @pytest.mark.parametrize("contact", [pytest.param("hydroelastic", marks=pytest.mark.slow), "point"])

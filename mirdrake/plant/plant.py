@@ -60,6 +60,7 @@ from mirdrake.plant.wheel_shape import (
     TREAD,
     make_wheel_shape,
     patch_size,
+    usual_stiffness,
 )
 from mirdrake.tyres import SlipTyres
 from mirdrake.tyres.vertical import VerticalTyre
@@ -423,7 +424,7 @@ def add_vehicle(
             )
         material = scene_graph.model_inspector().GetProximityProperties(geometries[0])
         frictions.append(material.GetProperty("material", "coulomb_friction").dynamic_friction())
-        vertical = of_files[index >= 2] or _vertical_of_shape(material, ratio=ratio, load=load)
+        vertical = of_files[index >= 2] or _vertical_of_shape(material, radius, ratio=ratio, load=load)
         patch = 0.0
         if contact != "tyre":
             # Drake's contact has a linear spring; that of the static load has the same rest pose.
@@ -526,13 +527,16 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
-def _vertical_of_shape(material: ProximityProperties, *, ratio: float | None, load: float) -> VerticalTyre:
-    """Return stiffness and damping of a tyre from its collision shape.
+def _vertical_of_shape(
+    material: ProximityProperties, radius: float, *, ratio: float | None, load: float
+) -> VerticalTyre:
+    """Return stiffness and damping of a tyre from its collision shape, or usual ones.
 
     With a damping `ratio` of the bounce under the load [N], the dissipation d of the tyre is at least that which gives
     it: a force F (1 + d x') on the stiffness k damps the load F = k x by F d, so that d = 2 ratio / sqrt(g x).
     """
-    stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
+    usual = usual_stiffness(load, radius)
+    stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", usual)
     damping = material.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
     if ratio is not None:
         damping = max(damping, 2.0 * ratio / sqrt(GRAVITY * load / stiffness))

@@ -21,6 +21,15 @@ axle, the load is::
 
     N = E w ∫ (p / E - (p / E)²) dx = E w (a + h² asinh(a / h) / R - 2 a h² / R² - 2 a³ / (3 R²)),    a² = R² - h²
 
+With an inclination γ the distances are those in the wheel plane, and the ends of the patch move with the height of the
+axle over each line of it. To second order in γ the load is larger by the share γ² / 2, as the plane cuts the wheel
+obliquely, and by::
+
+    γ² E w³ (2 a R + 6 h² asinh(a / h) - 16 a³ / (9 R) - 16 a h² / R + 4 h² R / (3 a)) / (16 R³)
+
+In a discrete step Drake takes the area of the patch at its beginning and the pressure at its end. The load thus changes
+with the depth by 2 E w a h / R².
+
 The modulus E is chosen so that a tyre has the deflection of its vertical stiffness at the static load; the tyre step
 adds what the patch lacks elsewhere.
 """
@@ -35,19 +44,30 @@ from mirdrake.core.contacts import ContactModel
 
 SEGMENTS = 64
 """Number of sectors around the circumference. At depths of 3 to 9 % of the radius the load differs from the closed
-form by at most 0.1 % at every angle; with 32 by 2 %."""
+form by at most 0.1 % at every angle, also of a wheel inclined by 5 degrees; with 32 by 2 %."""
 
 TREAD = 0.5
 """Width of the mesh over that of the wheel [1]."""
 
 DISH = 0.1
-"""Depth by which the middles of the sides are inside of the edges of the tread over the radius [1]."""
+"""Depth by which the middles of the sides are inside of the edges of the tread over the radius [1]. A wheel that is
+inclined by more than this angle bears load on its side."""
 
 LEAST_DEPTH = 0.02
 """Least depth of a patch under the static load over the radius [1]: a shallower one is on one or two facets. Stiffer
 tyres have the deflection of this depth in hydroelastic contact."""
 
 Point = tuple[float, float, float]
+
+
+def usual_stiffness(load: float, radius: float) -> float:
+    """Return the vertical stiffness of a tyre whose file has none [N/m]: the depth at rest is :data:`LEAST_DEPTH`.
+
+    Args:
+        load: at rest [N].
+        radius: of the wheel [m].
+    """
+    return load / (LEAST_DEPTH * radius)
 
 
 def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirrored: bool = False) -> Shape:
@@ -65,17 +85,34 @@ def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirr
     return Mesh(InMemoryMesh(mesh_file=MemoryFile(contents, ".vtk", "wheel")))
 
 
-def patch_size(radius: float, depth: float) -> float:
+def patch_size(radius: float, depth: float, inclination: float = 0.0, width: float = 0.0) -> float:
     """Return the load of a patch over modulus and width of the mesh [m]; :mod:`mirdrake.core.compiled` can compile it.
 
     Args:
         radius: of the wheel [m].
-        depth: of the patch, less than the radius [m].
+        depth: of the patch in the wheel plane, positive and less than the radius [m].
+        inclination: of the wheel [rad].
+        width: of the mesh [m]; an upright wheel needs none.
     """
     height = radius - depth
     half = sqrt(depth * (radius + height))
-    share = height / radius
-    return half * (1.0 - 2.0 * share * share - 2.0 / 3.0 * (half / radius) ** 2) + height * share * asinh(half / height)
+    share, angle = height / radius, asinh(half / height)
+    size = half * (1.0 - 2.0 * share * share - 2.0 / 3.0 * (half / radius) ** 2) + height * share * angle
+    # Where one side of the wheel loses the road, the load hardly increases any more.
+    lean = min(abs(inclination) * width, 2.0 * depth)
+    wider = (
+        2.0 * half * radius
+        + 6.0 * height * height * angle
+        - 16.0 * half * (half * half / 9.0 + height * height) / radius
+    )
+    wider += 4.0 / 3.0 * height * height * radius / half
+    return size * (1.0 + 0.5 * inclination * inclination) + lean * lean * wider / (16.0 * radius**3)
+
+
+def patch_slope(radius: float, depth: float) -> float:
+    """Return the change of :func:`patch_size` by the change of depth in a step; arguments as there."""
+    height = radius - depth
+    return 2.0 * sqrt(depth * (radius + height)) * height / (radius * radius)
 
 
 def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: bool = False) -> str:
@@ -101,7 +138,7 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
     width = -width if mirrored else width
     right: list[Point] = [(corner * cos(a), -width / 2.0, corner * sin(a)) for a in angles]
     left: list[Point] = [(x, -y, z) for x, y, z in right]
-    side = 0.5 * width - copysign(min(DISH * radius, 0.25 * abs(width)), width)
+    side = 0.5 * width - copysign(min(DISH * radius, 0.4 * abs(width)), width)
     points = [*right, *left, (0.0, 0.0, 0.0), (0.0, -side, 0.0), (0.0, side, 0.0)]
     # Pressure is interpolated between the centre (largest) and all other points (zero).
     centre, cap_right, cap_left = range(2 * segments, 2 * segments + 3)

@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheel_shape import usual_stiffness
 from mirdrake.single_track.axles import Axle, Body, find_axles, find_overturning_arm, find_roll_stiffness
 from mirdrake.single_track.dynamics import Variant, lateral_forces
 from mirdrake.single_track.parameters import SingleTrackParameters
@@ -143,7 +144,9 @@ def estimate_parameters(
     front_load, rear_load = mass * down * ahead / geometry.wheelbase, mass * down * (1.0 - ahead / geometry.wheelbase)
 
     # Wheels: rotating masses, friction and stiffness of their tyres.
-    rotating, frictions, springs = 0.0, [], [1e6] * 4
+    rotating, frictions = 0.0, []
+    loads = [0.5 * front_load] * 2 + [0.5 * rear_load] * 2
+    springs = [usual_stiffness(load, radius) for load, radius in zip(loads, geometry.wheel_radii, strict=True)]
     inspector = scene_graph.model_inspector()
     # Inertia about the spin axis only; divided by r² it is a mass that accelerates with the vehicle.
     for index, (joint, radius) in enumerate(zip(wheels, geometry.wheel_radii, strict=True)):

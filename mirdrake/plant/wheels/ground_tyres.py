@@ -9,11 +9,18 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from mirdrake.core.compiled import records
+from mirdrake.core.errors import ConfigError
 from mirdrake.ground import Terrain
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.wheels.ground_contact import CONTACT_SIZE
 from mirdrake.plant.wheels.ground_step import GROUND_STEP_PARTS, GroundWheel, ground_step
-from mirdrake.plant.wheels.tyre_forces import REFERENCE_FRICTION, Bearing, TyreSystem, make_spinning_wheels
+from mirdrake.plant.wheels.tyre_forces import (
+    REFERENCE_FRICTION,
+    Bearing,
+    TyreSystem,
+    fastest_bounce,
+    make_spinning_wheels,
+)
 
 
 def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[GroundWheel]:
@@ -38,7 +45,7 @@ class GroundTyres(TyreSystem):
         friction: friction of the ground at the start [1].
 
     Raises:
-        ConfigError: a .tir file is missing or wrong, or the vehicle tips over.
+        ConfigError: a .tir file is missing or wrong, the vehicle tips over, or its tyres are too stiff for the steps.
     """
 
     def __init__(
@@ -50,6 +57,14 @@ class GroundTyres(TyreSystem):
         friction: float = REFERENCE_FRICTION,
     ) -> None:
         ground_wheels = make_ground_wheels(plant, part)
+        # Explicit steps are unstable beyond ω dt = 2.
+        bounce = fastest_bounce(plant, part)
+        if bounce * part.period > 2.0:
+            raise ConfigError(
+                f"{part.name}: the vehicle oscillates on its tyres with {bounce:.0f} rad/s, too fast for tyre contact "
+                f"and steps of {part.period:g} s; choose a time_step of {1.9 / bounce:.2g} s or less, or contact: "
+                "point on the plane"
+            )
         wheels, static_loads = records(GroundWheel, ground_wheels), [one.wheel.static_load for one in ground_wheels]
         # A repeated step keeps the sampled contacts.
         data, samples, contacts = terrain.data, terrain.samples, np.zeros((len(wheels), CONTACT_SIZE))

@@ -10,13 +10,25 @@ would cause first-order errors:
 - The plant moves the vehicle with the velocities at the end of a step, so that positions lead velocities by half a
   step. The heading is then that of the middle of a step, where the forces act, and slip velocities are those of a
   vehicle that is turned back by ψ' dt / 2, with the yaw rate ψ' (:func:`base_motion`).
-- The plant applies the load at the end of a step, which damps the vehicle on its tyres by their stiffness times dt / 2,
-  many times the damping of rubber. The difference to the load in the middle is subtracted.
+- The plant applies the load of Drake's contact at the end of a step. That would damp the vehicle on its tyres by their
+  stiffness k times dt / 2, many times the damping of rubber, and add k dt² to the mass that bounces.
 
-The load of a tyre is its stiffness times its deflection, plus damping, on every contact. Drake's contact has the same
-damping, at the end of the step, so that the vertical force is without it. A patch of hydroelastic contact has another
-characteristic (:mod:`mirdrake.plant.wheel_shape`); the difference is added as well. The load acts at the contact
-centre; the moment that the contact shape of an inclined wheel has about it is subtracted.
+The load of a tyre is its stiffness times its deflection, plus damping, on every contact, in the middle of the step.
+What Drake's contact will give at the end of the step is subtracted from it, and the rest is applied. That needs the
+change of the velocity of each wheel in this step. The acceleration a by which a wheel sinks depends on the loads N of
+all wheels and on all other forces, whose part r in it changes slowly and is extrapolated::
+
+    a = r - W N,    r = 2 r' - r",    r' = a' + W N'
+
+Dashes mark the steps before; W = J (M + D dt)⁻¹ Jᵀ with the Jacobian J of the wheels' heights, the mass matrix M and
+the joint dampers D that the plant solves implicitly. A mass on springs then moves as in explicit steps, which have
+errors of second order and diverge beyond ω dt = 2, with the highest frequency ω of vehicle and wheels on the tyres.
+Drake's implicit contact never does. Beyond ω dt = 1/2 only the share 1 / (2 ω dt)² of a is used, so that a step is
+stable at any length.
+
+A patch of hydroelastic contact has another characteristic (:mod:`mirdrake.plant.wheel_shape`), and so another load at
+the end of the step. The load acts at the contact centre; the moment that the contact shape of an inclined wheel has
+about it is subtracted.
 
 The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
 of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the slip stiffness S, are
@@ -56,7 +68,7 @@ from math import atan, cos, exp, inf, sin, sqrt, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
-from mirdrake.plant.wheel_shape import TREAD, patch_size
+from mirdrake.plant.wheel_shape import TREAD, patch_size, patch_slope
 from mirdrake.plant.wheels import motion as wheel_motion
 from mirdrake.plant.wheels.motion import WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
@@ -106,6 +118,9 @@ class SpinningWheel(NamedTuple):
         coulomb: whether its tyre has Coulomb friction: forces proportional to the load, and a pivoting moment.
         actuator: index of its actuator among those of its vehicle.
         effort_limit: largest torque of the actuator [N m].
+        mobility: acceleration upwards by a load of one newton on each wheel of the vehicle [1/kg]; not used where the
+            tyre touches the ground itself.
+        foresight: share of the acceleration in a step that counts; not used there either.
     """
 
     place: WheelPlace
@@ -123,6 +138,8 @@ class SpinningWheel(NamedTuple):
     coulomb: bool
     actuator: int
     effort_limit: float
+    mobility: tuple[float, float, float, float]
+    foresight: float
 
 
 class SpinningCar(NamedTuple):
@@ -151,10 +168,12 @@ class Memory(NamedTuple):
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s].
-        begun: zero at the start, then 1.
+        begun: number of steps so far, at most 2.
         stopped: 1 if the brake has stopped the wheel in the last step, else zero.
         twist: angle by which the contact patch is twisted [rad].
-        rise: vertical velocity of the wheel centre [m/s], of tyres that touch the ground themselves.
+        rise: vertical velocity of the wheel centre [m/s].
+        load: load of a wheel that Drake's contact bears [N].
+        rest: change of its velocity downwards in the step before that, by all forces but the loads [m/s].
     """
 
     along: float
@@ -171,6 +190,8 @@ class Memory(NamedTuple):
     stopped: float
     twist: float
     rise: float
+    load: float
+    rest: float
 
 
 def tyre_step(
@@ -215,14 +236,25 @@ def tyre_step(
     car, known = cars[0], True
     for i in range(len(force)):
         force[i] = 0.0
-    base = base_motion(x, wheels[0].place.base, car.positions, car.period)
+    period = car.period
+    base = base_motion(x, wheels[0].place.base, car.positions, period)
+    motions = [motion_of(x, wheels[i].place, base, car.positions) for i in range(len(wheels))]
+    for i in range(len(wheels)):
+        after[i].rise, after[i].load = -motions[i].sink, tyre_load_of(wheels[i], motions[i], memories[i])
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
-        period, contact_then = car.period, curve.contact
-        motion = motion_of(x, wheel.place, base, car.positions)
+        contact_then, motion, load = curve.contact, motions[i], kept.load
         now = Motion(motion.vx, motion.slip_x, motion.vy)
+        # Change of the speed in this step, by the loads and by all other forces.
+        change = 0.0
+        if before.begun > 0.0:
+            kept.rest = motion.sink + before.rise
+            for j in range(len(wheels)):
+                kept.rest += wheel.mobility[j] * period * memories[j].load
+                change -= wheel.mobility[j] * period * after[j].load
+            change += 2.0 * kept.rest - before.rest if before.begun > 1.0 else kept.rest
+        borne, moment_x = drake_load(wheel, motion, period, motion.sink + wheel.foresight * change)
         # The curve at the present load; if a node is missing, the caller makes it and repeats.
-        load, elastic, borne, moment_x = tyre_loads(wheel, motion, period)
         curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
         if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else motion.inclination, frictions[i]):
             # The other wheels are still checked, so that the caller makes all missing nodes before it repeats.
@@ -263,8 +295,7 @@ def tyre_step(
             period,
         )
         twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
-        # The plant applies the load of its contact at the end of the step; the vertical force changes its elastic part
-        # to that of the tyre.
+        # The plant applies the load of its contact; the vertical force changes it to that of the tyre.
         add_road_force(
             force,
             wheel.place,
@@ -272,13 +303,13 @@ def tyre_step(
             fx,
             fy,
             mz + moment,
-            elastic - borne,
+            load - borne,
             resistance,
             torque - drive,
             contact.overturning + contact.overturning_by_fy * fy - moment_x,
         )
         force[wheel.place.spin] += torque - effort
-        kept.begun, kept.twist = 1.0, twist
+        kept.begun, kept.twist = min(before.begun + 1.0, 2.0), twist
         logged[i, 0], logged[i, 1], logged[i, 2] = fx, fy, mz + moment
         logged[i, 3], logged[i, 4] = kappa, atan(tan_alpha)
         resistances[i], tyre_load[i] = resistance, load
@@ -428,39 +459,49 @@ def rolling_moment(wheel: Any, load: float, radius: float, spin: float) -> float
     return moment
 
 
-def tyre_loads(wheel: Any, motion: WheelMotion, period: float) -> tuple[float, float, float, float]:
-    """Return the load of a tyre in mid-step, and load and overturning moment of Drake's contact at the end of the step.
+def tyre_load_of(wheel: Any, motion: WheelMotion, before: Any) -> float:
+    """Return the load of a tyre in the middle of the step [N].
+
+    Args:
+        wheel: :class:`SpinningWheel`.
+        motion: its motion.
+        before: :class:`Memory` of the step before.
+    """
+    # Positions lead the velocities by half a step: those at the beginning of a step are those of its middle. The speed
+    # of the damper is extrapolated to it.
+    sink = motion.sink + (0.5 * wheel.foresight * (motion.sink + before.rise) if before.begun > 0.0 else 0.0)
+    load: float = wheel.stiffness * max(wheel.radius - motion.radius, 0.0) * max(1.0 + wheel.rebound * sink, 0.0)
+    return load
+
+
+def drake_load(wheel: Any, motion: WheelMotion, period: float, sink: float) -> tuple[float, float]:
+    """Return load [N] and overturning moment about the x axis of the tyre [N m] of Drake's contact in a step.
 
     Args:
         wheel: :class:`SpinningWheel`.
         motion: its motion.
         period: step of the plant [s].
-
-    Returns:
-        load [N], and its elastic part [N]; elastic load [N] and moment about the x axis of the tyre [N m] of Drake's
-        contact.
+        sink: speed of the wheel centre downwards at the end of the step [m/s].
     """
-    # Positions lead the velocities by half a step: those at the beginning of a step are those of its middle.
-    elastic = wheel.stiffness * max(wheel.radius - motion.radius, 0.0)
-    load = elastic * max(1.0 + wheel.rebound * motion.sink, 0.0)
-    sine, sunk = motion.axle[2], period * motion.sink
+    sine, damping = motion.axle[2], max(1.0 + wheel.rebound * sink, 0.0)
     # The equations below do not hold for a wheel that lies on its side.
     if abs(sine) > _LYING:
-        return load, elastic, elastic, 0.0
+        return wheel.stiffness * max(wheel.radius - motion.radius, 0.0) * damping, 0.0
     if wheel.patch > 0.0:
-        depth = wheel.radius - motion.radius + sunk
+        radius, width = wheel.radius, TREAD * wheel.width
+        depth = min(radius - motion.radius, 0.5 * radius)
         if depth <= 0.0:
-            return load, elastic, 0.0, 0.0
-        borne = wheel.patch * patch_size(wheel.radius, min(depth, 0.5 * wheel.radius))
-        width = TREAD * wheel.width
-        return load, elastic, borne, -borne * width * width * sine / (36.0 * depth)
+            return 0.0, 0.0
+        size = patch_size(radius, depth, motion.inclination, width) + period * sink * patch_slope(radius, depth)
+        borne = wheel.patch * max(size, 0.0) * damping
+        return borne, -borne * width * width * sine / (36.0 * depth)
     # The lowest point of an ellipsoid; fcl moves it by half the depth towards the centre.
     cosine, side = sqrt(1.0 - sine * sine), 0.5 * wheel.width
     low = sqrt(wheel.radius * wheel.radius * cosine * cosine + side * side * sine * sine)
     depth = low - motion.z
-    borne = wheel.stiffness * max(depth + sunk, 0.0)
+    borne = wheel.stiffness * max(depth + period * sink, 0.0) * damping
     left = (wheel.radius * wheel.radius - side * side) * sine * cosine / low * (1.0 - 0.5 * depth / low)
-    return load, elastic, borne, borne * (left - motion.z * sine / cosine)
+    return borne, borne * (left - motion.z * sine / cosine)
 
 
 def _mean_slip(
@@ -578,7 +619,9 @@ STEP_PARTS = (
     *wheel_motion.STEP_PARTS,
     *NODE_PARTS,
     patch_size,
-    tyre_loads,
+    patch_slope,
+    tyre_load_of,
+    drake_load,
     slip_forces,
     pivoting,
     limited_effort,

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Multiplexer, ZeroOrderHold
 
@@ -21,6 +22,7 @@ from mirdrake.core.compiled import Records, compiled, entry_point, record_type, 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType, LeafSystem
 from mirdrake.core.signals import Signal, copy_signals, declare_vector_input, name_elements
+from mirdrake.core.vectors import SIDES
 from mirdrake.plant.plant import VehicleInPlant, solves_joints
 from mirdrake.plant.rear_steering import REAR_STEERING
 from mirdrake.plant.rest_pose import check_balance
@@ -68,6 +70,8 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
+    mobility = load_mobility(plant, part)
+    product = fastest_bounce(plant, part) * part.period
     first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
     for index, (wheel_place, joint, actuator) in enumerate(
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
@@ -107,9 +111,43 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 coulomb,
                 actuator.input_start() - first,
                 actuator.effort_limit(),
+                tuple(mobility[index].tolist()),
+                1.0 / max(4.0 * product * product, 1.0),
             )
         )
     return wheels
+
+
+def load_mobility(plant: MultibodyPlant, part: VehicleInPlant) -> npt.NDArray[np.float64]:
+    """Return the accelerations upwards of the wheels of a vehicle by loads of one newton on each of them (4, 4) [1/kg].
+
+    They are those of a step of a discrete plant: its dampers, of the suspension, are solved implicitly.
+    """
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    mass = plant.CalcMassMatrix(context)
+    for joint in part.suspension:
+        mass[joint.velocity_start(), joint.velocity_start()] += joint.default_damping() * part.period
+    world = plant.world_frame()
+    rows = [
+        plant.CalcJacobianTranslationalVelocity(
+            context, JacobianWrtVariable.kV, joint.child_body().body_frame(), np.zeros(3), world, world
+        )[2]
+        for joint in part.wheels
+    ]
+    jacobian = np.array(rows)
+    return np.asarray(jacobian @ np.linalg.solve(mass, jacobian.T))
+
+
+def fastest_bounce(plant: MultibodyPlant, part: VehicleInPlant) -> float:
+    """Return the highest frequency with which a vehicle and its wheels oscillate on the tyres at rest [rad/s]."""
+    stiffness = [
+        tyre.stiffness + 2.0 * tyre.hardening * depth
+        for tyre, depth in zip(part.compression, part.rest_compressions(plant), strict=True)
+        for _ in SIDES
+    ]
+    # W K has the eigenvalues ω².
+    return float(np.sqrt(np.max(np.linalg.eigvals(load_mobility(plant, part) * stiffness).real)))
 
 
 def make_stiff_joints(plant: MultibodyPlant, part: VehicleInPlant) -> list[StiffJoint]:
