@@ -168,7 +168,7 @@ class Memory(NamedTuple):
         fx: longitudinal force [N].
         kappa: its longitudinal slip [1].
         bend: mean slip velocity in the step, less the mean of its ends [m/s].
-        begun: number of steps so far, at most 2.
+        begun: zero at the start, then 1, and 2 from the second step on of wheels on Drake's contact.
         stopped: 1 if the brake has stopped the wheel in the last step, else zero.
         twist: angle by which the contact patch is twisted [rad].
         rise: vertical velocity of the wheel centre [m/s].
