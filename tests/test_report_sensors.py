@@ -107,7 +107,7 @@ def test_a_wall_is_drawn_at_its_distance_from_the_vehicle(sensor_run):
     places = {sensor.name: sensor.place for sensor in find_sensors(bolt())}
     for name in ("front_lidar", "roof_lidar"):
         drawing = drawings[name]
-        front, width = (float(re.search(rf'<rect [^>]*\b{key}="([\d.]+)"', drawing)[1]) for key in ("y", "width"))
+        front, width = (float(re.findall(rf'<rect [^>]*\b{key}="([\d.]+)"', drawing)[0]) for key in ("y", "width"))
         scale = width / (outline.left - outline.right)
         (dots,) = re.findall(r'<path d="([^"]+)" stroke="var\(--main\)"', drawing)
         heights = {float(y) for y in re.findall(r"M[\d.]+ ([\d.]+)h", dots)}
