@@ -29,7 +29,7 @@ from mirdrake.identification.findings import DataReport, Excitation, Finding, st
 from mirdrake.identification.plausibility import check_relations
 from mirdrake.identification.samples import find_glitches
 from mirdrake.identification.spec import REPAIRS
-from mirdrake.identification.timing import hold_factor
+from mirdrake.identification.timing import hold_factor, resolution
 from mirdrake.readers.units import unit_factor
 from mirdrake.runs.logs import RunWriter
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
@@ -198,6 +198,15 @@ def test_one_held_channel_is_found_exactly(name, count):
     unrepaired = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
     assert np.array_equal(unrepaired.data.logs[0].channels[name], held(log.channels[name], count))
     assert unrepaired.repairs == []
+
+
+def test_interpolated_glitches_leave_the_resolution_of_a_coarse_channel():
+    """A repair leaves values between the levels; the others still repeat by chance, and the channel is not held."""
+    random, quantum = np.random.default_rng(0), 0.01
+    angle = 0.5 + 0.2 * np.sin(0.1 * STEP * np.arange(1800)) + random.normal(0.0, 0.0025, 1800)
+    coarse = np.round(angle / quantum) * quantum
+    coarse[random.choice(1800, 8, replace=False)] += random.uniform(0.2, 0.8, 8) * quantum
+    assert resolution(coarse) == pytest.approx(quantum)
 
 
 def test_coarse_quantisation_is_not_taken_for_held_samples():

@@ -318,10 +318,11 @@ def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[floa
 
 def resolution(values: Array) -> float | None:
     """Return the step that all values are multiples of, if there are far fewer levels than values."""
-    levels = np.unique(values[np.isfinite(values)])
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if not 2 <= len(levels) <= max(2000, len(values) // 4):
         return None
-    steps = np.diff(levels)
+    # Levels of few values, such as interpolated ones, hide the steps of the others if each step counts once.
+    steps = np.repeat(np.diff(levels), np.minimum(counts[1:], counts[:-1]))
     # Rounding in the file splits levels by tiny differences, which are not quanta.
     steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
     quantum = float(np.percentile(steps, 5))
