@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError
@@ -129,6 +130,27 @@ def test_velocities_of_one_source_have_the_same_delay(ahead):
         (lever_arm,) = report.of("sensor_position", "lateral_acceleration")
         assert lever_arm.value == pytest.approx(ahead, abs=0.1)
     assert not [finding for finding in checked(report.data.logs[0]).of("delay") if finding.repair]
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_with_a_memory_is_not_taken_for_a_delay(seed, late):
+    """Noise with a memory is alike in neighbouring rows, so that only what the steering causes shows a delay."""
+    log, random = drive(0, late={"vy": late}, noise=0.0), np.random.default_rng(seed)
+    channels = {
+        name: values + 0.5 * NOISE[name] * lfilter([0.6], [1.0, -0.8], random.normal(size=len(values)))
+        for name, values in log.channels.items()
+    }
+    angle = 0.2 * np.interp(log.time + 0.1, log.time, log.channels["yaw_rate"])
+    channels["road_wheel_angle"] = angle + random.normal(0.0, 0.0005, len(angle))
+    delays = estimate_lateral_delays([make_grid(replace(log, channels=channels))])
+    assert delays is not None
+    assert delays.acceleration == 0.0
+    assert delays.velocity == pytest.approx(late, abs=0.01)
+    if not late:
+        for limit in delays.limits:
+            assert limit is not None
+            assert limit[0] < 0.0 < limit[1]
 
 
 @pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])

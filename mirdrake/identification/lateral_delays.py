@@ -12,7 +12,8 @@ A delay of vy, a delay of ay and another position of a sensor look alike: at one
 So position, scales and roll are free in every hypothesis, and a delay is one only if the logs distinguish it from them:
 of the hypotheses (no delay, ay, vy, yaw rate) that of the least Bayesian information criterion counts
 (G. Schwarz, Annals of Statistics 6, 1978), with prior odds against each delay. Noise of the slopes would make delays
-look small and certain; instrumental variables avoid it (L. Ljung, System Identification, 1999, section 7.6).
+look small and certain; instrumental variables that the steering causes avoid it (L. Ljung, System Identification,
+1999, section 7.6).
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from mirdrake.identification.alignment import DELAY_ODDS
+from mirdrake.identification.alignment import DELAY_ODDS, STEERING
 from mirdrake.identification.data import Array
 from mirdrake.identification.evidence import effective_samples, is_certain, required_gain
 from mirdrake.identification.relations import Grid
@@ -54,6 +55,9 @@ POSITION_TIME, MAX_POSITION = 0.05, 1.0
 """Size of a vehicle in seconds of driving at its usual speed [s], and that of a car, which is also the standard
 deviation of a sensor's position [m]."""
 
+LAGS = np.arange(-0.2, 0.9, 0.2)
+"""Lags of the motion behind the steering, for instrumental variables [s]; many more would explain noise as well."""
+
 BLOCKS, MIN_ROWS = 20, 150
 """Number of parts of the logs whose scatter gives the uncertainty, and smallest number of smoothed rows."""
 
@@ -80,7 +84,7 @@ class Hypothesis(NamedTuple):
         return self.acceleration and self.velocity and not self.apart
 
 
-NO_DELAY, WITH_SPEED = Hypothesis(), Hypothesis(velocity=True, speed=True)
+NO_DELAY = Hypothesis()
 DELAYED = (Hypothesis(acceleration=True), Hypothesis(velocity=True), Hypothesis(acceleration=True, velocity=True))
 """One clock that differs from the others."""
 
@@ -152,16 +156,17 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
     if best.evidence <= 0.0 or not _explains(hypothesis, logs):
         return plain
     if abs(best.arm) < 2.0 * best.arm_sigma:  # beside each other the delay is more certain
-        best = logs.estimate_best(hypothesis._replace(arm=False)) or best
+        beside = logs.estimate_best(hypothesis._replace(arm=False))
+        best, hypothesis = (best, hypothesis) if beside is None else (beside, hypothesis._replace(arm=False))
     if not best.velocity or best.acceleration or together is False:
         return best
-    # Whether the speed has the delay of vy shows in the residuals, at the same smoothing. A speed that hardly changes
-    # shows nothing, and stays as it is.
-    both = logs.estimate(best.width, WITH_SPEED)
+    # Whether the speed has the delay of vy shows in the residuals, at the same smoothing and with the same unknowns. A
+    # speed that hardly changes shows nothing, and stays as it is.
+    both = logs.estimate(best.width, hypothesis._replace(speed=True))
     if both is None:
         return best
     gain = 2.0 * both.effective * float(np.log(best.residual / max(both.residual, 1e-300)))
-    return both if together or gain > required_gain(both.effective, 1.0) else best
+    return both if together or gain > required_gain(both.effective, DELAY_ODDS) else best
 
 
 def _interval(estimate: LateralDelays | None) -> tuple[float, float] | None:
@@ -209,8 +214,9 @@ class _LogSet:
     def estimate(self, width: float, free: Hypothesis) -> LateralDelays | None:
         """Estimate with a smoothing over a width [s]; delays outside of the hypothesis are 0.
 
-        Rows with even numbers give the residuals, those with odd numbers the instrumental variables: their noise is
-        independent, so it neither causes a delay nor makes one look certain.
+        Rows with even numbers give the residuals, those with odd numbers the instrumental variables: white noise of
+        both is independent, so it neither causes a delay nor makes one look certain. Noise with a memory and rounding
+        are alike in both; of the odd rows, only what the steering causes is used.
         """
         if width not in self._smoothed:
             made = [_SmoothedLog(grid, self._forward, width, rolls=self._rolls) for grid in self._grids]
@@ -232,12 +238,9 @@ class _LogSet:
         widths = np.where([*delayed, free.arm, *[True] * (len(wide) - 3)], wide, 1e-9)
         unknown, lag = np.zeros(len(wide)), ROLL_LAG * reach
 
-        def compared(half: int) -> list[Array]:
-            parts = [drive.compared(half, unknown, lag, free) for drive in drives]
-            return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-
         for _ in range(30):
-            (rest, base, up), (_, other, _) = compared(0), compared(1)
+            parts = [drive.compared(unknown, lag, free) for drive in drives]
+            rest, base, up, other = (np.concatenate(columns) for columns in zip(*parts, strict=True))
             noise = 2.0 * float(np.sqrt(np.mean(rest**2)))  # neighbours are correlated: each counts for a quarter
             regularisation = np.where(np.isfinite(widths), (noise / np.maximum(widths, 1e-12)) ** 2, 0.0)
             normal = other.T @ base
@@ -317,10 +320,46 @@ class _SmoothedLog:
         if self.count > 0:
             self._inner = slice(margin, margin + self.count)
             self._halves = [_Half(grid, forward, rows, thin, part, rolls=rolls) for part in range(2)]
+            self._responses = _responses(grid, forward, rows, thin, self._inner)
 
-    def compared(self, half: int, unknown: Array, lag: float, delayed: Hypothesis) -> tuple[Array, Array, Array]:
-        """Return residuals, slopes and dvy/dt of a half, with a lag of roll [s]."""
-        return self._halves[half].compared(unknown, self._inner, lag, delayed)
+    def compared(self, unknown: Array, lag: float, delayed: Hypothesis) -> tuple[Array, Array, Array, Array]:
+        """Return residuals (n), slopes (n, 7 or 8) and dvy/dt (n) of a half, and instrumental variables (n, 7 or 8).
+
+        Args:
+            unknown: delays, position, scales, offset and roll.
+            lag: lag of roll [s].
+            delayed: the delayed channels.
+        """
+        rest, base, rise = self._halves[0].compared(unknown, self._inner, lag, delayed)
+        _, other, _ = self._halves[1].compared(unknown, self._inner, lag, delayed)
+        # Projection on what the steering causes: noise with a memory is alike in both halves.
+        steered = self._responses
+        return rest, base, rise, other if steered is None else steered @ (steered.T @ other)
+
+
+def _responses(grid: Grid, forward: str, rows: float, thin: int, inner: slice) -> Array | None:
+    """Return orthonormal responses to the steering (n, k): its lagged angles, and these times the speed.
+
+    Returns None without a steering channel.
+
+    Args:
+        grid: log.
+        forward: channel of the speed.
+        rows: standard deviation of the Gaussian in rows of the log.
+        thin: rows of the log for each smoothed row.
+        inner: the smoothed rows that are compared.
+    """
+    name = next((name for name in STEERING if name in grid.channels), None)
+    if name is None:
+        return None
+    angle, step = gaussian_filter1d(grid.channels[name], rows, mode="nearest")[::thin], thin * grid.step
+    speed = gaussian_filter1d(grid.channels[forward], rows, mode="nearest")[::thin]
+    at = np.arange(inner.start, inner.stop)[:, None] - np.unique(np.round(LAGS / step).astype(int))
+    lagged = angle[np.clip(at, 0, len(angle) - 1)]
+    steered = np.column_stack((np.ones(len(at)), lagged, lagged * speed[inner, None]))
+    steered[:, 1:] -= _slow(steered[:, 1:], SLOW / step)
+    left, sizes, _ = np.linalg.svd(steered / np.maximum(np.linalg.norm(steered, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-6 * sizes[0]])
 
 
 class _Half:
