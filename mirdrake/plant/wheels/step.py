@@ -246,7 +246,7 @@ def tyre_step(
         contact_then, motion, load = curve.contact, motions[i], kept.load
         now = Motion(motion.vx, motion.slip_x, motion.vy)
         # Change of the speed in this step, by the loads and by all other forces.
-        change = 0.0
+        change, kept.rest = 0.0, 0.0
         if before.begun > 0.0:
             kept.rest = motion.sink + before.rise
             for j in range(len(wheels)):
