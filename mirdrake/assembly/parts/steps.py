@@ -42,7 +42,7 @@ def discrete_plant(spec: DiagramSpec, scene: Scene) -> list[str]:
     if needs_solver(contact_of_wheels(spec.plant, terrain_of(scene.world)), scene.world):
         return []
     event = interrupting_event(spec, scene)
-    return [f"{event}; the plant is therefore discrete, and the run takes about twice as long"] if event else []
+    return [f"{event}; the plant is therefore discrete, and the run takes longer"] if event else []
 
 
 def _event_times(spec: DiagramSpec, scene: Scene) -> Iterator[tuple[str, float | None]]:

@@ -19,6 +19,7 @@ from mirdrake.plant.wheels.tyre_forces import (
     Bearing,
     TyreSystem,
     fastest_bounce,
+    load_mobility,
     make_spinning_wheels,
 )
 
@@ -58,7 +59,7 @@ class GroundTyres(TyreSystem):
     ) -> None:
         ground_wheels = make_ground_wheels(plant, part)
         # Explicit steps are unstable beyond ω dt = 2.
-        bounce = fastest_bounce(plant, part)
+        bounce = fastest_bounce(plant, part, load_mobility(plant, part))
         if bounce * part.period > 2.0:
             raise ConfigError(
                 f"{part.name}: the vehicle oscillates on its tyres with {bounce:.0f} rad/s, too fast for tyre contact "

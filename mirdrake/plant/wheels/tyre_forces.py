@@ -71,7 +71,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
     mobility = load_mobility(plant, part)
-    product = fastest_bounce(plant, part) * part.period
+    product = fastest_bounce(plant, part, mobility) * part.period
     first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
     for index, (wheel_place, joint, actuator) in enumerate(
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
@@ -139,15 +139,21 @@ def load_mobility(plant: MultibodyPlant, part: VehicleInPlant) -> npt.NDArray[np
     return np.asarray(jacobian @ np.linalg.solve(mass, jacobian.T))
 
 
-def fastest_bounce(plant: MultibodyPlant, part: VehicleInPlant) -> float:
-    """Return the highest frequency with which a vehicle and its wheels oscillate on the tyres at rest [rad/s]."""
+def fastest_bounce(plant: MultibodyPlant, part: VehicleInPlant, mobility: npt.NDArray[np.float64]) -> float:
+    """Return the highest frequency with which a vehicle and its wheels oscillate on the tyres at rest [rad/s].
+
+    Args:
+        plant: finalised.
+        part: the vehicle.
+        mobility: see :func:`load_mobility`.
+    """
     stiffness = [
         tyre.stiffness + 2.0 * tyre.hardening * depth
         for tyre, depth in zip(part.compression, part.rest_compressions(plant), strict=True)
         for _ in SIDES
     ]
     # W K has the eigenvalues ω².
-    return float(np.sqrt(np.max(np.linalg.eigvals(load_mobility(plant, part) * stiffness).real)))
+    return float(np.sqrt(np.max(np.linalg.eigvals(mobility * stiffness).real)))
 
 
 def make_stiff_joints(plant: MultibodyPlant, part: VehicleInPlant) -> list[StiffJoint]:
