@@ -2,11 +2,11 @@
 
 A rolling wheel moves with the vehicle. A sliding one has its own inertia only, which is 50 to 200 times smaller, and
 gains that suit the vehicle make it unstable: with the dead time τ of the loop a wheel of the inertia J is stable up to
-kp = π J / (2 τ). The friction of the sliding tyre, F = μ N, decides whether it returns:
+kp = π J / (2 τ). Whether it returns depends on the friction F = μ N of the sliding tyre and the rolling radius r:
 
-- With torques below F h it always does.
+- With torques below F r it always does.
 - With a larger limit T of the torque, high gains sustain an oscillation: the torque reverses τ after the slip does, and
-  the slip has the amplitude (T - F h) τ h / J and the period 4 τ T / (T + F h).
+  the slip has the amplitude (T - F r) τ r / J and the period 4 τ T / (T + F r).
 
 Most vehicles have such torques, so that good gains rely on wheels that do not begin to slide in operation. Therefore
 tests are driven on this model: above all the vehicle's own slopes of the set-point, with a reserve of friction.
@@ -181,8 +181,8 @@ def run_with_reaction(
 def slip_reaction(spec: LoopSpec, gains: Mapping[str, float], slides: Floats, *, friction: float) -> float:
     """Return the torque with which the controller of a sliding wheel reacts, over that of the friction [1].
 
-    A wheel that slides by s gets the torque kp s / h a dead time later, and kd / (Tf + T) s / h from the derivative of
-    a controller with the filter Tf and the period T. If this is below the friction μ N h, the torque does not reverse,
+    A wheel that slides by s gets the torque kp s / r a dead time later, and kd / (Tf + Ts) s / r from the derivative of
+    a controller with the filter Tf and the period Ts. If this is below the friction μ N r, the torque does not reverse,
     and the wheel returns to rolling. With a larger one it slides back, and so on: see the head of the module.
 
     Args:

@@ -1,8 +1,8 @@
 """Compiled loop over the control periods of a test on the slip model: vehicle and driven wheels as separate inertias.
 
-With the spin inertia J, the rolling radius h, the slip velocity s = h ω - v and a tyre of the load N::
+With the spin inertia J, the rolling radius r, the slip velocity s = r ω - v and a tyre of the load N::
 
-    J ω' = T - h F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
+    J ω' = T - r F,     m v' = n F - R,     u' = s - |v| u / σ,     F = N f(κ),     κ = u / σ + (k / C) s
 
 Deflection u, relaxation length σ, slip stiffness C, damping k and the sliding of the patch at low speed, which adds to
 the decay |v| / σ, are those of :mod:`mirdrake.tyres.relaxation`. The load follows the acceleration as the vehicle
