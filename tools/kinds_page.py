@@ -75,7 +75,7 @@ SECTIONS = (
     Section("Steering control", "`steering` in control.yaml.", JOINT_CONTROLS["steering"]),
     Section(
         "Behaviours of actors",
-        "`behaviour` of an actor in a world file; see [worlds](worlds.md#actors).",
+        "`behaviour` of an actor in a world file; see [traffic](traffic.md#actors).",
         {kind: BEHAVIOUR_KINDS[kind] for kind in BEHAVIOURS},
     ),
     Section(

@@ -24,8 +24,8 @@ STAGE = ROOT / "build" / "pages"
 MENU = {
     "Tutorials": ("own_car", "tutorials/*"),
     "How-to guides": (
-        "vehicles", "coming_from_ros_and_gazebo", "diagrams", "python", "driving", "worlds", "world_editor", "tuning",
-        "identification", "estimation", "batch", "learning",
+        "vehicles", "coming_from_ros_and_gazebo", "diagrams", "python", "driving", "worlds", "traffic", "world_editor",
+        "tuning", "identification", "estimation", "batch", "learning",
     ),
     "Reference": (
         "commands", "kinds", "runs", "sensors", "tyres", "suspension", "powertrain", "ground", "manoeuvres",
