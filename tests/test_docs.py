@@ -147,7 +147,9 @@ def test_a_user_system_can_replace_the_pedal_controller(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("page", "count"), [("python", 5), ("batch", 6), ("diagrams", 3), ("worlds", 1), ("traffic", 1)])
+@pytest.mark.parametrize(
+    ("page", "count"), [("python", 5), ("batch", 6), ("diagrams", 3), ("worlds", 1), ("traffic", 1)]
+)
 def test_the_python_of_a_page_runs_in_order(page, count, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # Gymnasium sets the first, JAX the others.
