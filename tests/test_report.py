@@ -20,9 +20,10 @@ from mirdrake.core.curves import thin
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
 from mirdrake.report.drive import _colour_classes, draw_drive, own_track
+from mirdrake.report.drive_layers import VehicleOutline, vehicles
 from mirdrake.report.figures import Curve, Panel, _limits
 from mirdrake.report.map_labels import Labels
-from mirdrake.report.map_sheet import Sheet
+from mirdrake.report.map_sheet import PAGE, Sheet
 from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
 from mirdrake.report.vehicle_charts import VehicleSignals, _plan_loads, make_charts
@@ -552,6 +553,22 @@ def test_labels_are_beside_props_if_there_is_room():
     labels = Labels(Sheet((0.0, 0.0), 10.0, (400.0, 300.0)))
     labels.avoid_prop((0.0, 0.0, 400.0, 300.0))
     assert labels.write_beside([place], "end")  # better over a prop than nowhere
+
+
+@pytest.mark.parametrize(("x", "anchor"), [(-8.0, "start"), (4.2, "middle")])
+def test_the_time_at_a_vehicle_does_not_touch_the_symbol_of_a_person(tmp_path, x, anchor):
+    path = tmp_path / "street.yaml"
+    person = f"props: [{{prop: pedestrian, at: [{x}, 0]}}]"
+    path.write_text(
+        f"mirdrake: world/1\nground: {{surface: asphalt}}\n{person}\nstart: {{here: {{at: [-15, 0]}}}}\n", "utf-8"
+    )
+    sheet = Sheet.around((-20.0, -15.0, 20.0, 15.0), 400.0, (200.0, 400.0))
+    # A ring of 3.2 m; the person is to its right, where the label would be, or far away.
+    outline = VehicleOutline([(-2.0, -1.0), (2.0, -1.0), (2.0, 1.0), (-2.0, 1.0)], "2.00 s", ring=True)
+    (label,) = [
+        part for part in vehicles([outline], np.empty((0, 2)))(load_world(path), sheet, PAGE) if "2.00 s" in part
+    ]
+    assert f'text-anchor="{anchor}"' in label or (anchor == "start" and "text-anchor" not in label)
 
 
 def test_the_colour_scale_of_a_car_that_starts_from_rest_begins_at_zero():

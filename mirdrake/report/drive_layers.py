@@ -11,6 +11,7 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from mirdrake.report.map_labels import Labels
+from mirdrake.report.map_props import prop_box
 from mirdrake.report.map_sheet import Array, Box, Palette, Sheet, line_tag, shape_tag
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.world_map import Layer, scale_bar_box
@@ -181,7 +182,7 @@ def marks(lines: Sequence[DrivenLine], places: Sequence[Place]) -> Layer:
         labels = Labels(sheet, paper=palette.paper)
         labels.block(scale_bar_box(sheet))
         for placed in world.props:
-            labels.avoid_prop(sheet.bounds(placed.footprint))
+            labels.avoid_prop(prop_box(placed, sheet))
         edge = f'fill="{palette.paper}" stroke="{palette.ink}" stroke-width="1.6"'
         wanted: list[tuple[int, Box, str, int]] = []
         for line in lines:
@@ -228,16 +229,20 @@ def centre_lines(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
 
 
 def vehicles(outlines: Sequence[VehicleOutline], line: Array) -> Layer:
-    """Return a layer of vehicles, each with a label; labels do not overlap each other and the vehicles.
+    """Return a layer of vehicles, each with a label.
+
+    Labels overlap neither each other nor the vehicles; if there is room, they touch neither props nor the driven line.
 
     Args:
         outlines: the vehicles, the decisive one last.
-        line: driven line (n, 2) in the world frame [m], from which labels are away if there is room.
+        line: driven line (n, 2) in the world frame [m].
     """
 
-    def draw(_: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+    def draw(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         labels = Labels(sheet, paper=palette.paper)
         labels.block(scale_bar_box(sheet))
+        for placed in world.props:
+            labels.avoid_prop(prop_box(placed, sheet))
         if len(line):
             labels.avoid_line(sheet.place(line), _BESIDE)
         boxes: list[Box] = []

@@ -23,6 +23,8 @@ from mirdrake.report.map_sheet import (
 )
 from mirdrake.worlds import PlacedProp, World
 
+_APART = 3.0  # [px] least distance between a label and a prop
+
 
 class Labels:
     """Labels that do not overlap.
@@ -45,8 +47,9 @@ class Labels:
         (self._texts if text else self._things).add(box)
 
     def avoid_prop(self, box: Box) -> None:
-        """Prefer positions of labels that are outside of the box of a prop, even if they are on a road."""
-        self._props.add(box)
+        """Prefer positions of labels that do not touch the box of a prop, even if they are on a road."""
+        x0, y0, x1, y1 = box
+        self._props.add((x0 - _APART, y0 - _APART, x1 + _APART, y1 + _APART))
 
     def avoid(self, points: Array, reach: float) -> None:
         """Prefer positions of labels that are away from points of the picture."""
