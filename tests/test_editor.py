@@ -568,7 +568,10 @@ def test_a_typed_text_with_a_fault_keeps_the_map_and_is_reported(editor):
     reply = post(editor, "gesture", kind="text", value=YARD.replace("prop: sedan", "prop: sedann"))
     assert "sedann" in reply["text"]
     assert "scene" not in reply
-    assert "yard.yaml:10" in reply["faults"][0]
+    (fault,) = reply["faults"]
+    assert fault["line"] == 10
+    assert fault["title"].endswith(fault["text"].removeprefix("line 10"))
+    assert fault["title"].partition(":10: ")[0].endswith("yard.yaml")
     assert post(editor, "gesture", kind="text", value=YARD)["faults"] == []
 
 

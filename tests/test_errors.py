@@ -8,7 +8,16 @@ import re
 import pytest
 
 from mirdrake.core import errors
-from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, RunError, did_you_mean, first_line, one_line
+from mirdrake.core.errors import (
+    ConfigError,
+    MirdrakeError,
+    ModelError,
+    Place,
+    RunError,
+    did_you_mean,
+    first_line,
+    one_line,
+)
 
 
 def _classes() -> dict[str, type[Exception]]:
@@ -81,3 +90,20 @@ def test_the_place_of_a_fault_in_a_file_is_file_line_and_path() -> None:
     assert (error.where, error.text) == ("w.yaml:4: props.0.at", "is not a number")
     both = ConfigError(faults=[error, ConfigError("unknown key", file="w.yaml")])
     assert (both.where, both.text) == ("", str(both))
+
+
+def test_a_place_is_a_text_with_its_parts_apart() -> None:
+    place = Place("my car.yaml", 3, ("mounts", 0))
+    for same in (place, pickle.loads(pickle.dumps(place)), ModelError("no mass", where=place)):
+        assert (same.file, same.line, same.path) == ("my car.yaml", 3, ("mounts", 0))
+    assert (place, str(ModelError("no mass", where=place))) == (
+        "my car.yaml:3: mounts.0", "my car.yaml:3: mounts.0: no mass",
+    )  # fmt: skip
+    assert [Place(), Place("a"), Place(path=("b", 1)), Place("a", 2)] == ["", "a", "b.1", "a:2"]
+
+
+def test_every_fault_of_a_file_is_placed_under_the_entry_that_names_it() -> None:
+    inner = ConfigError(faults=[ConfigError("no", file="d.yaml", line=n, code="not_allowed") for n in (1, 2, 2)])
+    error = inner.under(Place("s.yaml", 7, ("diagram",)))
+    assert str(error) == "s.yaml:7: diagram: d.yaml:1: no\ns.yaml:7: diagram: d.yaml:2: no"
+    assert [(fault.line, fault.path, fault.code) for fault in error.faults] == [(7, ("diagram",), "not_allowed")] * 2

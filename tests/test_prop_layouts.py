@@ -35,4 +35,4 @@ def test_a_group_without_room_does_not_take_the_props_of_another_one() -> None:
     })  # fmt: skip
     assert {prop.name for prop in world.props} == {"hall", "free.crate[0]", "free.crate[1]"}
     (line,) = world.unplaced_props
-    assert "'full.crate[0]' and 1 more" in line
+    assert "'full.crate[0]' and 1 more" in line.text

@@ -361,10 +361,14 @@ def _absolute(name: str, folder: Path, *, always: bool = False) -> str:
     return name
 
 
-def make_spec(data: Mapping[str, Any]) -> DiagramSpec:
+def make_spec(data: Mapping[str, Any], *, name: str = "diagram") -> DiagramSpec:
     """Return a checked diagram from plain data, such as :meth:`DiagramSpec.model_dump` returns.
+
+    Args:
+        data: the diagram.
+        name: name of the diagram in error messages; they begin with the key if it is empty.
 
     Raises:
         ConfigError: it has faults.
     """
-    return validate(dict(data), DiagramSpec, source_of_data("diagram", data))
+    return validate(dict(data), DiagramSpec, source_of_data(name, data))

@@ -68,8 +68,9 @@ def _name_in(call: str, given: object) -> str:
     """
     if not isinstance(given, Name | str):
         raise ConfigError(
-            f"{call}: expected a name, such as ego.vx or 'ego.vx', got {type(given).__name__}; "
-            "the ports of a block are attributes of what add() returns"
+            f"expected a name, such as ego.vx or 'ego.vx', got {type(given).__name__}; "
+            "the ports of a block are attributes of what add() returns",
+            where=call,
         )
     return str(given)
 
@@ -521,7 +522,7 @@ class Diagram:
         for key in path[:-1]:
             part = part.setdefault(key, {}) if isinstance(part, dict) else {}
         if not isinstance(part, dict):
-            raise ConfigError(f"{'.'.join(path)}: there is no such key; {'.'.join(path[:-1])} is {part!r}")
+            raise ConfigError(f"there is no such key; {'.'.join(path[:-1])} is {part!r}", where=".".join(path))
         part[path[-1]] = value
         spec = make_spec(copy.deepcopy(data))
         if path[0] == "vehicles":
@@ -544,7 +545,7 @@ class Diagram:
     def _vehicle(self, call: str, vehicle: Name | str) -> str:
         name, known = str(vehicle), self._data["vehicles"]
         if name not in known:
-            raise ConfigError(f"{call}: no vehicle '{name}'; {did_you_mean(name, known)}")
+            raise ConfigError(f"no vehicle '{name}'; {did_you_mean(name, known)}", where=call)
         return name
 
     def _add(self, name: str, system: str | type[System] | System, parameters: Mapping[str, Any]) -> Name:

@@ -65,9 +65,9 @@ def _check_name(
             from mirdrake.cli.checking import check_vehicle
 
             findings = check_vehicle(name)
-            return findings.faults, findings.failures, findings.remarks
+            return [str(fault) for fault in findings.faults], findings.failures, findings.remarks
         if kind == "worlds":
-            return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
+            return [str(fault) for fault in check_world(name, overrides=overrides)], (), ()
         if kind in {"studies", "files"}:
             with nullcontext(skipped) if trust else without_user_code() as skipped:
                 check_file(find("studies", name) if kind == "studies" else Path(name), overrides=overrides)
@@ -87,7 +87,7 @@ def _check_name(
         remarks = [*limited_speeds(spec, assembly.scene.vehicles), *discrete_plant(spec, assembly.scene)]
         return (), (), [*unread, *idle, *remarks, *skipped_lines(skipped, "check", "checked")]
     except MirdrakeError as error:
-        return str(error).splitlines(), (), ()
+        return [str(fault) for fault in error.faults], (), ()
 
 
 def _holds_vehicle(path: Path) -> bool:

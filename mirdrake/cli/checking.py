@@ -2,10 +2,8 @@
 
 import contextlib
 import math
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from mirdrake.core.errors import MirdrakeError, ModelError
+from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, closest
 from mirdrake.core.paths import resolved
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import display_path, where
@@ -41,20 +39,18 @@ STANDING = 1.0
 MOST_TRAVEL, MOST_TILT = 0.02, math.radians(3.0)
 """Largest displacement during that test, in wheelbases, and largest tilt [rad]; springs may settle."""
 
-_NAMES = re.compile(r"'[^']*'|\(?allowed: .*")
-
 
 @dataclass
 class Findings:
-    """Findings of a check, each a line of text.
+    """Findings of a check.
 
     Attributes:
         faults: invalid input, with file and line.
-        failures: defects of a vehicle whose files are valid, for example that it does not stay at rest.
-        remarks: warnings, which are not faults.
+        failures: defects of a vehicle whose files are valid, for example that it does not stay at rest; a line each.
+        remarks: warnings, which are not faults; a line each.
     """
 
-    faults: list[str] = field(default_factory=list)
+    faults: list[MirdrakeError] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
@@ -64,18 +60,26 @@ class Findings:
         try:
             yield
         except MirdrakeError as error:
-            self.note(str(error).splitlines())
+            self.note(error.faults)
 
-    def note(self, lines: Iterable[str]) -> None:
+    def note(self, faults: Iterable[MirdrakeError]) -> None:
         """Store faults without duplicates.
 
-        Macros and variants repeat a fault with another name or another list of allowed values; the first is kept.
+        Macros repeat the fault of a line with other names, variants that of a key with other allowed values; the first
+        is kept.
         """
-        known = {_NAMES.sub("", line) for line in self.faults}
-        for line in lines:
-            if (plain := _NAMES.sub("", line)) not in known:
-                known.add(plain)
-                self.faults.append(line)
+        known = {_identity(fault) for fault in self.faults}
+        for fault in faults:
+            if (identity := _identity(fault)) not in known:
+                known.add(identity)
+                self.faults.append(fault)
+
+
+def _identity(fault: MirdrakeError) -> tuple[object, ...]:
+    """Return what two faults share if one is a repetition."""
+    if fault.line is None:
+        return fault.where, fault.text
+    return (fault.file, fault.line, fault.code, () if isinstance(fault, ModelError) else fault.path)
 
 
 def check_vehicle(name: str) -> Findings:
@@ -102,24 +106,24 @@ def check_vehicle(name: str) -> Findings:
     return faults
 
 
-def _layout(folder: Path) -> Iterator[str]:
+def _layout(folder: Path) -> Iterator[MirdrakeError]:
     """Return the faults of missing files, each with the most similar name that exists."""
     entries = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
     for name in FILES:
         if not (folder / name).exists():
-            near = get_close_matches(name, entries, n=1)
-            hint = f"; is it '{near[0]}'?" if near else ""
-            yield f"{display_path(folder / name)}: no such file{hint}"
+            near = closest(name, entries)
+            hint = f"; is it '{near}'?" if near else ""
+            yield ConfigError(f"no such file{hint}", file=display_path(folder / name), code="no_such_file")
 
 
-def _not_xml(folder: Path) -> Iterator[str]:
+def _not_xml(folder: Path) -> Iterator[MirdrakeError]:
     """Return the faults of files that are not XML; xacro would stop at the first of them."""
     for path in sorted(folder.glob("*.xacro")):
         if path.is_file():
             try:
                 parse_xml(path.read_bytes(), display_path(path), error=ModelError)
             except ModelError as error:
-                yield str(error)
+                yield error
 
 
 def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
@@ -144,9 +148,7 @@ def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
         defaults = {"drive": spec.drive} if spec is not None else {}
         urdf = render_xacro(folder / MAIN_FILE, arguments=change.arguments, defaults=defaults, where=location)
     if urdf is not None:
-        missing.note(
-            [line for fault in find_faults(urdf, spec=spec, sensors=sensors) for line in str(fault).splitlines()]
-        )
+        missing.note(find_faults(urdf, spec=spec, sensors=sensors))
         with missing.caught():
             resolve_meshes(urdf, folder)
 

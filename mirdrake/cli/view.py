@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigError(f"'{options.name}' is a study or a data file and cannot be shown")
     layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
     if layers and kind != "models":
-        raise ConfigError(f"{', '.join(layers)}: only for a vehicle; '{options.name}' is not a vehicle")
+        raise ConfigError(f"only for a vehicle; '{options.name}' is not a vehicle", where=", ".join(layers))
 
     # A file is drawn by a Meshcat that serves no page.
     title = Path(options.name).stem

@@ -190,7 +190,9 @@ class Ackermann:
         kingpin_track = check_number(owner, "kingpin_track", geometry.kingpin_track, unit="m", at_least=0.0)
         inner = check_number(owner, "steering_limit", geometry.steering_limit, unit="rad", above=0.0)
         if inner >= math.pi / 2.0:
-            raise ConfigError(f"{owner}: steering_limit must be below pi/2 rad, got {inner:g} rad; is it in degrees?")
+            raise ConfigError(
+                f"steering_limit must be below pi/2 rad, got {inner:g} rad; is it in degrees?", where=owner
+            )
         rate = geometry.steering_rate
         if rate is not None:
             check_number(owner, "steering_rate", rate, unit="rad/s", above=0.0, infinite=True)

@@ -381,7 +381,7 @@ class PathTrackingSpec(Driver):
         try:
             return self.make_tracker(track_to_follow(world, self.track), vehicle.geometry)
         except ConfigError as error:
-            raise ConfigError(str(error), where=self.place("track", where)) from None
+            raise error.under(self.place("track", where)) from None
 
     def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:
         """Return the tracker of a track for a vehicle; other kinds of drivers return a derived class of it."""

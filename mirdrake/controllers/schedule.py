@@ -46,7 +46,7 @@ class Schedule:
             owner = f"schedule row {number}"
             # A row is checked by itself, so that the message names its number.
             if len(tuple(row)) != 3:
-                raise ConfigError(f"{owner}: time, speed and steering are expected, got {tuple(row)}")
+                raise ConfigError(f"time, speed and steering are expected, got {tuple(row)}", where=owner)
             time, speed, steering = row
             # Times must increase, since interpolation divides by their difference.
             previous = self._rows[-1][0] if self._rows else float("-inf")
@@ -213,7 +213,7 @@ class ScheduleSpec(Driver):
         try:
             schedule = self.schedule()
         except ConfigError as error:
-            raise ConfigError(str(error), where=self.place("file", where)) from None
+            raise error.under(self.place("file", where)) from None
         return CommandSchedule(schedule, period=self.period or (0.02 if self.file is None else 0.001))
 
     def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002

@@ -12,13 +12,17 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
+def checks_arguments(function: Callable[P, T], name: str = "") -> Callable[P, T]:
     """Decorate a function or a method so that unknown and missing arguments are a ConfigError.
 
     Python's own TypeError does not state what is allowed.
+
+    Args:
+        function: the function.
+        name: its name in messages; that of the code by default.
     """
     signature = inspect.signature(function)
-    name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
+    name = name or function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
 
     @wraps(function)
     def checked(*arguments: P.args, **options: P.kwargs) -> T:
@@ -29,7 +33,7 @@ def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
             known = [key for key in signature.parameters if key != "self"]
             unknown = [key for key in options if key not in known]
             text = f"unknown argument '{unknown[0]}'; {did_you_mean(unknown[0], known)}" if unknown else None
-            raise ConfigError(f"{name}: {text or f'{error}; arguments: ' + ', '.join(known)}") from None
+            raise ConfigError(f"{text or f'{error}; arguments: ' + ', '.join(known)}", where=name) from None
         return function(*arguments, **options)
 
     return checked
@@ -70,7 +74,7 @@ def check_number(
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ConfigError(f"{owner}: {name} must be a number, got {value!r}") from None
+        raise ConfigError(f"{name} must be a number, got {value!r}", where=owner) from None
     # `above` is strict; with its default of -inf, a strict comparison would reject an allowed -inf.
     good = number >= at_least and number > above if above > -math.inf else number >= at_least
     # Every comparison with NaN is false, so NaN must be tested by itself.
@@ -81,5 +85,5 @@ def check_number(
         limits += [] if infinite else ["finite"]
         allowed = " and ".join(limits) or "a number"
         given = f"{number:g} {unit}".strip()
-        raise ConfigError(f"{owner}: {name} must be {allowed}{f' [{unit}]' if unit else ''}, got {given}")
+        raise ConfigError(f"{name} must be {allowed}{f' [{unit}]' if unit else ''}, got {given}", where=owner)
     return number

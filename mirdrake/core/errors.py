@@ -2,8 +2,8 @@
 
 ::
 
-    MirdrakeError            base of all; the command line prints it and exits with code 2
-    ├── ConfigError          a file or an override is wrong: carries file, line and dotted path
+    MirdrakeError            base of all, with its place; the command line prints it and exits with code 2
+    ├── ConfigError          a file or an override is wrong
     ├── ModelError           a vehicle folder cannot become a plant (xacro, URDF, meshes, inertia)
     ├── WorldError           a world cannot be laid out (unclosed track, start outside the world)
     ├── DiagramError         ports do not fit: unknown name, size, type or unit, open inputs
@@ -18,32 +18,7 @@ from collections.abc import Collection, Hashable, Iterable, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
 from traceback import extract_tb
-from typing import Literal
-
-
-class MirdrakeError(Exception):
-    """Base of every error that mirdrake raises on purpose.
-
-    Messages quote files and commands: characters that do not print are escaped, and long lines are cut.
-
-    Args:
-        text: the message without its place.
-        where: place, for example ``file:line``; the message begins with it.
-
-    Attributes:
-        text, where: as given, so that nobody reads them from the message.
-    """
-
-    def __init__(self, text: str = "", *, where: str = "") -> None:
-        self.text, self.where = _lines(text), where
-        super().__init__(_lines(f"{place_prefix(where)}{text}"))
-
-    def _render_traceback_(self) -> list[str]:
-        """Return the text that Jupyter shows: the line of the cell, and the message, without the frames of mirdrake."""
-        calls = [frame for frame in extract_tb(self.__traceback__) if frame.name == "<module>" and frame.line]
-        line = [f"line {calls[-1].lineno}: {calls[-1].line}"] if calls else []
-        return [*line, f"{type(self).__name__}: {self}"]
-
+from typing import Literal, Self
 
 FaultCode = Literal[
     "",  # not classified
@@ -54,22 +29,46 @@ FaultCode = Literal[
 """Code of a fault in an entry of a file, for programs; the message of the error is for people."""
 
 
-class ConfigError(MirdrakeError):
-    """A file or an override is wrong.
-
-    Several faults of one file are reported together, one per line.
+class Place(str):
+    """Place of a fault as text, ``file:line: dotted.path``, with its parts apart.
 
     Args:
-        text: the message without its location.
-        where: the location as a text, instead of file, line and path.
         file: the file, or the override in its place; empty if it is not known.
         line: line in the file; None for an override, or if it is unknown.
-        path: keys of the wrong entry.
+        path: keys of the entry.
+
+    Attributes:
+        file, line, path: as given.
+    """
+
+    file: str
+    line: int | None
+    path: tuple[Hashable, ...]
+
+    def __new__(cls, file: str = "", line: int | None = None, path: Sequence[Hashable] = ()) -> Self:
+        """Return the place with its parts."""
+        place = super().__new__(
+            cls, ": ".join(filter(None, [file if line is None else f"{file}:{line}", dotted(path)]))
+        )
+        place.file, place.line, place.path = file, line, tuple(path)
+        return place
+
+
+class MirdrakeError(Exception):
+    """Base of every error that mirdrake raises on purpose.
+
+    Messages quote files and commands: characters that do not print are escaped, and long lines are cut. Several faults
+    of one file are reported together, one per line.
+
+    Args:
+        text: the message without its place.
+        where: its place, a :class:`Place` or another text; the message begins with it.
+        file, line, path: parts of the place, instead of it; see :class:`Place`.
         code: kind of the fault.
         faults: the single errors, instead of all that.
 
     Attributes:
-        file, line, path, code: as given.
+        text, where, file, line, path, code: as given, so that nobody reads them from the message.
         faults: the single errors; the error itself if there is only one.
     """
 
@@ -82,13 +81,29 @@ class ConfigError(MirdrakeError):
         line: int | None = None,
         path: Sequence[Hashable] = (),
         code: FaultCode = "",
-        faults: Iterable["ConfigError"] = (),
+        faults: Iterable["MirdrakeError"] = (),
     ) -> None:
-        self.file, self.line, self.path, self.code = file, line, tuple(path), code
-        self.faults: tuple[ConfigError, ...] = tuple(part for fault in faults for part in fault.faults) or (self,)
-        location = [file if line is None else f"{file}:{line}", dotted(path)]
-        lines = [str(fault) for fault in self.faults if fault is not self]
-        super().__init__("\n".join(lines) or text, where="" if lines else where or ": ".join(filter(None, location)))
+        place = where if isinstance(where, Place) else Place(file, line, path)
+        self.file, self.line, self.path, self.code = place.file, place.line, place.path, code
+        # Equal lines, for example of two branches of a union, are reported once.
+        single = {str(part): part for fault in faults for part in fault.faults}
+        self.faults: tuple[MirdrakeError, ...] = tuple(single.values()) or (self,)
+        self.text, self.where = _lines("\n".join(single) or text), "" if single else where or place
+        super().__init__(_lines(f"{self.where}: {self.text}") if self.where else self.text)
+
+    def under(self, where: str) -> "ConfigError":
+        """Return the faults as those of the entry that led to them: its place precedes each of them."""
+        return ConfigError(faults=[ConfigError(str(fault), where=where, code=fault.code) for fault in self.faults])
+
+    def _render_traceback_(self) -> list[str]:
+        """Return the text that Jupyter shows: the line of the cell, and the message, without the frames of mirdrake."""
+        calls = [frame for frame in extract_tb(self.__traceback__) if frame.name == "<module>" and frame.line]
+        line = [f"line {calls[-1].lineno}: {calls[-1].line}"] if calls else []
+        return [*line, f"{type(self).__name__}: {self}"]
+
+
+class ConfigError(MirdrakeError):
+    """A file or an override is wrong."""
 
 
 class ModelError(MirdrakeError):
@@ -139,11 +154,6 @@ def dotted(path: Iterable[Hashable]) -> str:
     return ".".join(text if (text := str(step)).isprintable() else repr(text) for step in path)
 
 
-def place_prefix(where: str) -> str:
-    """Return the beginning of a message: its place and a colon, or nothing without a place."""
-    return f"{where}: " if where else ""
-
-
 def first_line(error: BaseException) -> str:
     """Return the first line of the message of an exception; the name of its type if it has no message."""
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
@@ -157,7 +167,7 @@ def one_line(error: BaseException) -> str:
 
 def not_found(kind: str, name: str, known: Iterable[str], *, of: str, where: str = "") -> ConfigError:
     """Return the error for a name that something does not have, such as a start of a world; `where` is its place."""
-    return ConfigError(f"{place_prefix(where)}{of} has no {kind} '{name}'; {did_you_mean(name, known)}")
+    return ConfigError(f"{of} has no {kind} '{name}'; {did_you_mean(name, known)}", where=where)
 
 
 def closest(given: str, names: Collection[str]) -> str | None:

@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from mirdrake.core.errors import ConfigError, closest, did_you_mean, place_prefix
+from mirdrake.core.errors import ConfigError, closest, did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -82,7 +82,6 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         ConfigError: the name is unknown.
     """
     noun = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
-    prefix = place_prefix(where)
     as_path = Path(os.path.expanduser(name))  # keeps "~nobody", for which Path.expanduser raises an error
     is_yaml = as_path.suffix in {".yaml", ".yml"}
     # An existing file or folder comes before a name of the library.
@@ -94,9 +93,9 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     if os.sep in name or is_yaml:
         wanted = "a folder with a vehicle.yaml" if kind == "models" else "a .yaml file"
         if _exists(as_path):
-            raise ConfigError(f"{prefix}no {noun} at '{name}'; expected: {wanted}")
-        raise ConfigError(f"{prefix}no {noun} at '{name}': {missing_file(as_path, kind)}")
-    raise ConfigError(f"{prefix}unknown {noun} '{name}'; {did_you_mean(name, known)}")
+            raise ConfigError(f"no {noun} at '{name}'; expected: {wanted}", where=where)
+        raise ConfigError(f"no {noun} at '{name}': {missing_file(as_path, kind)}", where=where)
+    raise ConfigError(f"unknown {noun} '{name}'; {did_you_mean(name, known)}", where=where)
 
 
 def _exists(path: Path) -> bool:

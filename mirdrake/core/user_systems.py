@@ -118,7 +118,7 @@ def construct(factory: Callable[[], System], kind: str, *, where: str) -> System
     try:
         return factory()
     except ConfigError as error:
-        raise ConfigError(error.text, where=": ".join(filter(None, [where, error.where]))) from None
+        raise error.under(where) from None
     except KeyboardInterrupt:
         raise
     # User code may raise anything, SystemExit and GeneratorExit as well; the program must name the location.
@@ -136,7 +136,7 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
     try:
         module = import_user_module(module_name, folder=folder)
     except ConfigError as error:
-        raise ConfigError(error.text, where=": ".join(filter(None, [where, error.where]))) from None
+        raise error.under(where) from None
     maker = getattr(module, class_name, None)
     if not isinstance(maker, type) or not issubclass(maker, System):
         # Imported classes are not offered as suggestions, only those that the module defines.

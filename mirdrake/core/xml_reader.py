@@ -121,7 +121,7 @@ def parse_xml(
         # The error is tolerated only if everything before it was a complete document.
         complete = bool(root) and not stack
         if not (text_after_root and complete and fault.code == _TEXT_AFTER_ROOT):
-            raise error(f"not valid XML: {expat.ErrorString(fault.code)}", where=f"{name}:{fault.lineno}") from None
+            raise error(f"not valid XML: {expat.ErrorString(fault.code)}", file=name, line=fault.lineno) from None
     except (ValueError, LookupError) as fault:  # an unknown encoding
         raise error(f"not valid XML: {fault}", where=name) from None
     return XmlDocument(root[0], lines, name)

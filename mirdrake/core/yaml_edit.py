@@ -350,7 +350,9 @@ def _appended(text: str, lines: str, newline: str) -> str:
 def _commented(text: str, edit: Edit) -> str:
     """Set the comment above the line of a key; for a key in braces, above the line where its entry begins."""
     if not edit.comment.isprintable():
-        raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
+        raise ConfigError(
+            f"a comment is one line of printable text, not {edit.comment[:60]!r}", where=dotted(edit.keys)
+        )
     # The comment belongs to the deepest of the keys that exists.
     root = read_nodes(text)
     assert root is not None

@@ -18,7 +18,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
+from mirdrake.core.errors import ConfigError, FaultCode, Place, did_you_mean, dotted
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import names, resolved
 from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
@@ -49,13 +49,13 @@ class Schema(BaseModel):
         return type(self) is type(other) and self.__dict__ == other.__dict__
 
 
-def where(spec: Schema, *path: Hashable) -> str:
-    """Return ``file:line: dotted.path`` of a key of a loaded spec, for error messages of later stages."""
+def where(spec: Schema, *path: Hashable) -> Place:
+    """Return the place of a key of a loaded spec, for error messages of later stages."""
     source = spec._source or Source(type(spec).__name__, {})
     return source.where(*path)
 
 
-def file_line(spec: Schema, *path: Hashable) -> str:
+def file_line(spec: Schema, *path: Hashable) -> Place:
     """Return ``file:line`` of a key of a loaded spec."""
     source = spec._source or Source(type(spec).__name__, {})
     return source.place(*path)
@@ -199,14 +199,13 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     except ValidationError as error:
         # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
         entries = error.errors()
-        # Equal messages of the branches of a union are reported once.
         # The JSON Schema is made at the first unknown key only, and not kept: a kind may be registered later.
         keys = cache(schema.model_json_schema)
-        faults = {str(fault): fault for fault in (_fault(entry, keys, source) for entry in entries[:MOST_FAULTS])}
+        faults = [_fault(entry, keys, source) for entry in entries[:MOST_FAULTS]]
         if len(entries) > MOST_FAULTS:
-            more = source.error(f"{len(entries) - MOST_FAULTS} more faults; correct these first", code="too_many")
-            faults[str(more)] = more
-        raise ConfigError(faults=faults.values()) from None
+            more = len(entries) - MOST_FAULTS
+            faults.append(source.error(f"{more} more faults; correct these first", code="too_many"))
+        raise ConfigError(faults=faults) from None
     # pydantic reads true as 1.0 for a plain float, so the data of the file are compared with the model.
     truths = list(_truth_for_number(spec, data, ()))
     if truths:

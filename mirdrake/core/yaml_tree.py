@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from mirdrake.core.errors import ConfigError, FaultCode, dotted
+from mirdrake.core.errors import ConfigError, FaultCode, Place, dotted
 
 Key = tuple[Hashable, ...]
 
@@ -25,18 +25,19 @@ class Source(NamedTuple):
     prefix: Key = ()
     overrides: Mapping[Key, str] = {}  # key path -> the command line's "--set KEY=VALUE"
 
-    def where(self, *path: Hashable) -> str:
-        """Return ``file:line: dotted.path`` of a key below the prefix; or with the line of its parent."""
-        full = (*self.prefix, *path)
-        location = self.place(*path)
-        return f"{location}: {dotted(full)}" if full else location
+    def where(self, *path: Hashable) -> Place:
+        """Return the place of a key below the prefix, with the line of its nearest parent in the file."""
+        return Place(*self._location(*path), (*self.prefix, *path))
 
-    def place(self, *path: Hashable) -> str:
+    def place(self, *path: Hashable) -> Place:
         """Return ``file:line`` of a key below the prefix, or of its nearest parent in the file."""
-        file, line = self.location(*path)
-        return file if line is None else f"{file}:{line}"
+        return Place(*self._location(*path))
 
-    def location(self, *path: Hashable) -> tuple[str, int | None]:
+    def error(self, text: str, *path: Hashable, code: FaultCode = "") -> ConfigError:
+        """Return an error with this text at a key below the prefix."""
+        return ConfigError(text, where=self.where(*path), code=code)
+
+    def _location(self, *path: Hashable) -> tuple[str, int | None]:
         """Return file and line of a key below the prefix, or of its nearest parent; an override has no line."""
         full = (*self.prefix, *path)
         top = self._replace(prefix=())
@@ -47,11 +48,6 @@ class Source(NamedTuple):
                 break
         override = self.overrides.get(key)
         return (override, None) if override else (self.name, self.lines.get(key))
-
-    def error(self, text: str, *path: Hashable, code: FaultCode = "") -> ConfigError:
-        """Return an error with this text and the file and line of a key below the prefix."""
-        file, line = self.location(*path)
-        return ConfigError(text, file=file, line=line, path=(*self.prefix, *path), code=code)
 
 
 def source_of_data(name: str, data: Any) -> Source:

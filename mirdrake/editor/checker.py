@@ -93,15 +93,15 @@ def _unfinished() -> Json:
 
 
 def _faults(job: Mapping[str, Any]) -> list[Json]:
-    from mirdrake.editor.picture import fault_json
+    from mirdrake.editor.picture import error_json, fault_json
     from mirdrake.world_checks import examine
     from mirdrake.worlds.loading import parse_world
 
+    path = Path(job["path"])
     try:
-        world = parse_world(str(job["text"]), Path(job["path"]))
-        return [fault_json(fault) for fault in examine(world).faults]
+        return [fault_json(fault, path) for fault in examine(parse_world(str(job["text"]), path)).faults]
     except MirdrakeError as error:
-        return [{"kind": "file", "text": line, "names": [], "depth": None} for line in str(error).splitlines()]
+        return error_json(error, path)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from mirdrake.editor.elements import BODY, TURN, LockedError
 from mirdrake.editor.gestures import Gesture, Move, TextGesture, changes_of, read_gesture
 from mirdrake.editor.marks import load_machine_code, mark_moved, mark_overlaps
 from mirdrake.editor.palette import palette, picture
-from mirdrake.editor.picture import make_picture, mark_json, path_of
+from mirdrake.editor.picture import error_json, make_picture, mark_json, path_of
 from mirdrake.editor.scene import Scene, read_scene
 from mirdrake.editor.view import View
 from mirdrake.viewer.server import Answer, PageServer
@@ -157,14 +157,14 @@ class Editor:
 
         return answer
 
-    def _first_scene(self, path: Path) -> tuple[Scene, list[str]]:
+    def _first_scene(self, path: Path) -> tuple[Scene, list[Json]]:
         """Return the scene of the text; if it is a restored one with faults, that of the file, and the faults."""
         try:
             return read_scene(self.document.text, path), []
         except MirdrakeError as error:
             if not self.document.restored:
                 raise
-            faults = str(error).splitlines()
+            faults = error_json(error, self.document.path)
         return read_scene(self.document.file_text, path), faults
 
     def _status(self) -> Reply:
@@ -213,7 +213,7 @@ class Editor:
                 # Typed text may be invalid for a while; a gesture must not make the text invalid.
                 raise
             self.document.change(text)
-            self._faults = str(error).splitlines()
+            self._faults = error_json(error, self.document.path)
             return {**self._status(), "text": text}
         self.document.change(text)
         return self._show(scene)
@@ -257,7 +257,7 @@ class Editor:
         try:
             return self._show(read_scene(self.document.text, self.document.path))
         except MirdrakeError as error:
-            self._faults = str(error).splitlines()
+            self._faults = error_json(error, self.document.path)
             return {**self._status(), "text": self.document.text}
 
     def _save(self, message: Message) -> Reply:

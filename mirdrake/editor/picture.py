@@ -3,14 +3,17 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.errors import MirdrakeError, Place
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
+from mirdrake.core.yaml_io import display_path
 from mirdrake.core.yaml_items import find_span, source_of
 from mirdrake.editor.elements import Element
 from mirdrake.editor.marks import Mark
@@ -61,7 +64,6 @@ def make_picture(scene: Scene) -> Json:
             for start in drawing.starts
         ],
         "elements": {key: _element(scene, element) for key, element in scene.elements.items()},
-        "unplaced": list(scene.world.unplaced_props),
     }
 
 
@@ -105,9 +107,19 @@ def mark_json(marks: Sequence[Mark]) -> list[Json]:
     ]
 
 
-def fault_json(fault: Fault) -> Json:
-    """Return a fault of the complete check for the page."""
-    return {"kind": fault.kind, "text": fault.text, "names": list(fault.names), "depth": fault.depth}
+def error_json(error: MirdrakeError, path: Path) -> list[Json]:
+    """Return the faults of a text for the page; `path` is that of the world file."""
+    return [fault_json(Fault("file", fault.text, fault.where), path) for fault in error.faults]
+
+
+def fault_json(fault: Fault, path: Path) -> Json:
+    """Return a fault for the page; its text leaves out the name of the world file, whose path is given."""
+    text, line = str(fault), None
+    if isinstance(fault.where, Place) and fault.where.file == display_path(path) and fault.where.line is not None:
+        line = fault.where.line
+        text = f"{Place(f'line {line}', path=fault.where.path)}: {fault.message}"
+    names = list(fault.names)
+    return {"kind": fault.kind, "text": text, "title": str(fault), "line": line, "names": names, "depth": fault.depth}
 
 
 def _prop(placed: PlacedProp) -> Json:

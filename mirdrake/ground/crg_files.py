@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError, first_line, place_prefix
+from mirdrake.core.errors import ConfigError, first_line
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -63,15 +63,14 @@ def read_crg(path: Path, *, place: str = "") -> CrgRoad:
     Raises:
         ConfigError: the file is missing, not an OpenCRG file, or uses modifiers or other files.
     """
-    prefix = place_prefix(place)
     if not path.is_file():
-        raise ConfigError(f"{prefix}no such file: {display_path(path)}")
+        raise ConfigError(f"no such file: {display_path(path)}", where=place)
     # Damaged files raise different errors; all become one line with the place of the key.
     try:
         return _road(path.read_bytes())
     except (OSError, ValueError, KeyError, IndexError) as error:
         reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else first_line(error)
-        raise ConfigError(f"{prefix}{display_path(path)}: cannot be read as OpenCRG: {reason}") from None
+        raise ConfigError(f"{display_path(path)}: cannot be read as OpenCRG: {reason}", where=place) from None
 
 
 def _road(content: bytes) -> CrgRoad:

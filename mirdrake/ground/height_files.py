@@ -6,7 +6,7 @@ import numpy as np
 import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
 
-from mirdrake.core.errors import ConfigError, first_line, place_prefix
+from mirdrake.core.errors import ConfigError, first_line
 from mirdrake.core.yaml_io import display_path
 
 Array = NDArray[np.float64]
@@ -33,12 +33,13 @@ def read_heights(
     Raises:
         ConfigError: the file is missing, not readable, or has no grid of finite numbers.
     """
-    prefix = place_prefix(place)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
-        raise ConfigError(f"{prefix}'{path.name[:80]}' is not a file of heights; use one of {', '.join(_SUFFIXES)}")
+        raise ConfigError(
+            f"'{path.name[:80]}' is not a file of heights; use one of {', '.join(_SUFFIXES)}", where=place
+        )
     if not path.is_file():
-        raise ConfigError(f"{prefix}no such file: {display_path(path)}")
+        raise ConfigError(f"no such file: {display_path(path)}", where=place)
     origin = (0.0, 0.0)
     # Readers raise different errors for damaged files; all become one line with the place of the key.
     try:
@@ -47,22 +48,26 @@ def read_heights(
         elif suffix == ".csv":
             z = np.atleast_2d(np.loadtxt(path, delimiter=",")) + lowest
         elif suffix == ".png":
-            z = _read_png(path, lowest, highest, prefix)
+            z = _read_png(path, lowest, highest, place)
         else:
             z, origin = _read_obj(path, cell)
             z += lowest
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{prefix}{display_path(path)}: cannot be read: {first_line(error)}") from None
+        raise ConfigError(f"{display_path(path)}: cannot be read: {first_line(error)}", where=place) from None
     if z.ndim != 2 or min(z.shape) < 2 or not np.isfinite(z).all():
-        raise ConfigError(f"{prefix}{display_path(path)}: {z.shape} values; a grid has at least 2 x 2 finite heights")
+        raise ConfigError(
+            f"{display_path(path)}: {z.shape} values; a grid has at least 2 x 2 finite heights", where=place
+        )
     return z, origin
 
 
-def _read_png(path: Path, lowest: float, highest: float | None, prefix: str) -> Array:
+def _read_png(path: Path, lowest: float, highest: float | None, place: str) -> Array:
     from PIL import Image
 
     if highest is None:
-        raise ConfigError(f"{prefix}{display_path(path)}: a PNG has no heights in m; give highest, the height of white")
+        raise ConfigError(
+            f"{display_path(path)}: a PNG has no heights in m; give highest, the height of white", where=place
+        )
     with Image.open(path) as image:
         # Pillow opens 16-bit grey as I or I;16, depending on its version; `convert` would clip these to 8 bits.
         grey = np.asarray(image if image.mode in ("L", "I", "I;16") else image.convert("L"), dtype=float)

@@ -132,7 +132,9 @@ def find_function(
     """
     if not isinstance(given, str):
         if not callable(given):
-            raise ConfigError(f"{what}: {given!r} is not a function; give a function, a built-in name, or module:name")
+            raise ConfigError(
+                f"{given!r} is not a function; give a function, a built-in name, or module:name", where=what
+            )
         return given
     if ":" not in given:
         if given not in offered:

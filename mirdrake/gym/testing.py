@@ -240,7 +240,7 @@ def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
     missing = [name for name, port in ports.items() if name not in wanted and port.get_name() not in optional]
     if missing:
         raise DiagramError(
-            f"{_title(system)}: nothing drives its input {_quoted(missing)}; give inputs={{'{missing[0]}': ...}}"
+            f"nothing drives its input {_quoted(missing)}; give inputs={{'{missing[0]}': ...}}", where=_title(system)
         )
     functions = {name: _port_function(ports[name], name, parts) for name, parts in wanted.items()}
     # A system cannot leave its diagram, so the bench is kept with it and only its sources change.
@@ -399,7 +399,7 @@ def _drive_file(
     run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)
     # A shorter run would have fewer rows than the test expects.
     if run.stop.reason is not StopReason.DURATION:
-        raise DiagramError(f"{_title(system)}: the run ended early: {run.stop}")
+        raise DiagramError(f"the run ended early: {run.stop}", where=_title(system))
     frame = run.signals
     for name in outputs or ():
         if name not in frame:

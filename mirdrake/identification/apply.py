@@ -270,5 +270,7 @@ def read_fit(path: Path | str) -> Fit:
 
     path = Path(path)
     if not path.exists():
-        raise ConfigError(f"{display_path(path)}: no such folder; give the folder that mirdrake identify has written")
+        raise ConfigError(
+            "no such folder; give the folder that mirdrake identify has written", where=display_path(path)
+        )
     return load_fit(path.parent if path.name == "fit.json" else path)

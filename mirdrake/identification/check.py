@@ -45,7 +45,7 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     allowed = data.repairs if repairs is None else repairs
     for name in allowed:
         if name not in REPAIRS:
-            raise ConfigError(f"repairs: unknown repair '{name}'; {did_you_mean(name, REPAIRS)}")
+            raise ConfigError(f"unknown repair '{name}'; {did_you_mean(name, REPAIRS)}", path=("repairs",))
     findings: list[Finding] = []
     logs: list[Log] = []
     sources: list[set[str]] = []

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mirdrake.core.digest import digest
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.yaml_io import display_path, load_yaml, where
 from mirdrake.identification.channels import channel
 from mirdrake.identification.derived import add_derived
@@ -124,18 +124,19 @@ def make_data(spec: DataSpec, folder: Path) -> DataSet:
     """
     # Faults of all logs are reported together; logs of one recorder often share them, hence the removal of repeated
     # lines.
-    logs, faults = [], []
+    logs: list[Log] = []
+    faults: list[MirdrakeError] = []
     for index, entry in enumerate(spec.logs):
         try:
             logs.append(_load_log(folder, spec, entry, index))
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
     if faults:
-        raise ConfigError("\n".join(dict.fromkeys("\n".join(faults).splitlines())))
+        raise ConfigError(faults=faults)
     names = [log.name for log in logs]
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise ConfigError(f"{where(spec, 'logs', index)}: a second log '{name}'; give it another name")
+            raise ConfigError(f"a second log '{name}'; give it another name", where=where(spec, "logs", index))
     return DataSet(tuple(logs), spec.wheelbase, tuple(spec.repairs), spec.clock)
 
 
@@ -148,24 +149,25 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     for name, column in entry.channels.items():
         channels[name] = (column, where(spec, "logs", index, "channels", name))
     if not channels:
-        raise ConfigError(f"{where(spec, 'channels')}: no channel is mapped; add, for example, vx: {{column: …}}")
+        raise ConfigError("no channel is mapped; add, for example, vx: {column: …}", where=where(spec, "channels"))
     # Settings of a log replace those of all logs, each with its own place for error messages.
     clock = entry.time or spec.time
     clock_place = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
     columns = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])
     file = folder / entry.file
     if not file.exists():
-        raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {display_path(file)}: no such file")
+        raise ConfigError(f"{display_path(file)}: no such file", where=where(spec, "logs", index, "file"))
     table = read_table(file, columns, entry.csv or spec.csv)
-    values, faults = {}, []
+    values: dict[str, Array] = {}
+    faults: list[MirdrakeError] = []
     # All faults of the channels at once: a wrong mapping is usually wrong in several columns.
     for name, (column, location) in channels.items():
         try:
             values[name] = _values(table, name, column, location)
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)
 
     # The clock, in seconds.
     notes = list(table.notes)
@@ -181,10 +183,10 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     for name, numbers in values.items():
         if len(numbers) != len(time):
             location = channels[name][1]
-            raise ConfigError(f"{location}: {table.name} has {len(numbers)} values, but {len(time)} times")
+            raise ConfigError(f"{table.name} has {len(numbers)} values, but {len(time)} times", where=location)
         if np.isnan(numbers).all():
             raise ConfigError(
-                f"{channels[name][1]}: column '{channels[name][0].column}' of {table.name} has no numbers"
+                f"column '{channels[name][0].column}' of {table.name} has no numbers", where=channels[name][1]
             )
 
     # The rows between start and end that have a time.
@@ -194,7 +196,9 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     )
     if keep.sum() < MIN_ROWS:
         location = where(spec, "logs", index)
-        raise ConfigError(f"{location}: {table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed")
+        raise ConfigError(
+            f"{table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed", where=location
+        )
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are skipped")
     _check_forward(table, time, keep)
@@ -213,15 +217,16 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
     stated = table.units.get(column.column)
     if column.unit is not None and stated and plain_unit(stated) != plain_unit(column.unit):
         raise ConfigError(
-            f"{place}: unit '{column.unit}', but {table.name} has '{stated}'; leave out one, or give the scale instead"
+            f"unit '{column.unit}', but {table.name} has '{stated}'; leave out one, or give the scale instead",
+            where=place,
         )
     unit = column.unit if column.unit is not None else stated
     if unit is None and si != "1":
-        raise ConfigError(f"{place}: needs a unit, for example 'unit: {si}'; {table.name} does not state it")
+        raise ConfigError(f"needs a unit, for example 'unit: {si}'; {table.name} does not state it", where=place)
     try:
         factor = unit_factor(unit or "1", si)
     except ValueError as error:
-        raise ConfigError(f"{place}: {error} (unit in {table.name})") from None
+        raise ConfigError(f"{error} (unit in {table.name})", where=place) from None
     # The offset is added last: it is in the SI unit of the channel.
     return np.asarray(column.sign * column.scale * factor * numbers + column.offset)
 
@@ -236,7 +241,7 @@ def _time(table: Table, clock: TimeColumn, clock_place: str, rows: int) -> Array
     try:
         factor = _FINE_UNITS.get(unit) or unit_factor(unit, "s")
     except ValueError as error:
-        raise ConfigError(f"{clock_place}: {error} (unit in {table.name})") from None
+        raise ConfigError(f"{error} (unit in {table.name})", where=clock_place) from None
     if len(numbers) and np.isfinite(numbers).any() and abs(np.nanmin(numbers)) * factor > 1e7:
         # The column has dates (seconds since 1970), which floats resolve coarsely: count from the first one.
         numbers = numbers - numbers[np.isfinite(numbers)][0]
@@ -252,10 +257,11 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     back = used < latest
     if used.max() == used.min():
         hint = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
-        raise ConfigError(f"{display_path(Path(table.name))}: time is constant at {used[0]:g} s{hint}")
+        raise ConfigError(f"time is constant at {used[0]:g} s{hint}", where=display_path(Path(table.name)))
     if back.mean() > MAX_BACKWARD_SHARE:
         row = int(np.argmax(back))
         raise ConfigError(
-            f"{table.row(int(rows[row]))}: time goes back from {latest[row]:g} s to {used[row]:g} s, "
-            f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file"
+            f"time goes back from {latest[row]:g} s to {used[row]:g} s, "
+            f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file",
+            where=table.row(int(rows[row])),
         )

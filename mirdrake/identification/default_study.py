@@ -34,7 +34,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
     shared = set.intersection(*(available({*spec.channels, *entry.channels}) for entry in spec.logs))
     kind = next(default_models(shared), None)
     if kind is None or (_needs_speed(shared) and "road_wheel_angle" not in shared):
-        raise ConfigError(f"{where(spec, 'channels')}: {_missing(shared)}")
+        raise ConfigError(f"{_missing(shared)}", where=where(spec, "channels"))
     about = f"no study is given: model {kind}, chosen by the channels"
     content: dict[str, object] = {
         "mirdrake": "identification/1", "name": path.stem, "data": path.name, "model": {"kind": kind},

@@ -255,11 +255,11 @@ def load_fit(folder: Path | str) -> Fit:
         tables = {name: pd.read_parquet(file.parent / f"{name}.parquet") for name in ("traces", "profiles")}
     except OSError as error:
         # Every damage of the file ends in one line with the same advice: the study can be run again.
-        raise ConfigError(f"{file}: no saved fit ({error.strerror or error}); run the study again") from None
+        raise ConfigError(f"no saved fit ({error.strerror or error}); run the study again", where=str(file)) from None
     except ValueError as error:
-        raise ConfigError(f"{file}: is damaged ({first_line(error)}); run the study again") from None
+        raise ConfigError(f"is damaged ({first_line(error)}); run the study again", where=str(file)) from None
     if not isinstance(content, dict) or content.pop("mirdrake", None) != FORMAT:
-        raise ConfigError(f"{file}: is not of format '{FORMAT}'; run the study again")
+        raise ConfigError(f"is not of format '{FORMAT}'; run the study again", where=str(file))
     try:
         content["parameters"] = tuple(FittedParameter(**entry) for entry in content["parameters"])
         content["channels"] = tuple(_channel_fit(entry) for entry in content["channels"])
@@ -277,7 +277,7 @@ def load_fit(folder: Path | str) -> Fit:
             profiles=_apart(tables["profiles"], "parameter"),
         )
     except (KeyError, TypeError) as error:
-        raise ConfigError(f"{file}: is damaged ({error}); run the study again") from None
+        raise ConfigError(f"is damaged ({error}); run the study again", where=str(file)) from None
 
 
 def _apart(table: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:

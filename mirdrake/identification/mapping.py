@@ -47,12 +47,12 @@ def map_log(
     for text in mapped:
         name, equals, column = text.partition("=")
         if not equals or not column:
-            raise ConfigError(f"--map {text}: write CHANNEL=COLUMN or CHANNEL=COLUMN:UNIT, as vx=v_kmh:km/h")
+            raise ConfigError("write CHANNEL=COLUMN or CHANNEL=COLUMN:UNIT, as vx=v_kmh:km/h", where=f"--map {text}")
         if name.partition("@")[0] not in CHANNELS:
-            raise ConfigError(f"--map {text}: unknown channel '{name}'; {did_you_mean(name, CHANNELS)}")
+            raise ConfigError(f"unknown channel '{name}'; {did_you_mean(name, CHANNELS)}", where=f"--map {text}")
         channels[name] = _column(column)
     if clock is not None and step is not None:
-        raise ConfigError("--step: --time names a clock already; leave out one of them")
+        raise ConfigError("--time names a clock already; leave out one of them", where="--step")
     time: Json = {"column": "time"} if clock is None else _column(clock)
     if step is not None:
         time = {"step": to_si(step, "s")}
@@ -69,15 +69,15 @@ def map_log(
         names = ", ".join(table.names[:20]) + (", …" if len(table.names) > 20 else "")
         if time == {"column": "time"} and "time" not in table.names:
             raise ConfigError(
-                f"{display_path(path)}: has no column 'time'; name the clock with --time COLUMN:UNIT, or give --step; "
-                f"columns are {names}"
+                f"has no column 'time'; name the clock with --time COLUMN:UNIT, or give --step; columns are {names}",
+                where=display_path(path),
             )
         if not channels:
             raise ConfigError(
-                f"{display_path(path)}: no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}"
+                f"no column is mapped; give --map CHANNEL=COLUMN:UNIT; columns are {names}", where=display_path(path)
             )
     elif not channels:
-        raise ConfigError(f"{display_path(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
+        raise ConfigError("no topic is mapped; give --map CHANNEL=/topic:field:UNIT", where=display_path(path))
     content: Json = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
     if wheelbase is None and (vehicle := vehicle_of_run(path)) is not None:
         wheelbase = vehicle.wheelbase

@@ -139,14 +139,15 @@ def propose_data(path: Path) -> DataProposal:
         table = read_table(path)
     numbers = _numeric_columns(table)
     if not numbers:
-        raise ConfigError(f"{display_path(path)}: has no column of numbers")
+        raise ConfigError("has no column of numbers", where=display_path(path))
     time, unit, reason = _clock(table, numbers)
     seconds = _seconds(numbers, time, unit)
     channels = stated or _proposals_by_name(table, numbers, time)
     if not channels and (names := _column_of_names(table)) is not None:
         raise ConfigError(
-            f"{display_path(path)}: the cells of column '{names}' are names of channels, with a value for each in "
-            "another column; write a column for each channel first, for example with pivot_table of pandas"
+            f"the cells of column '{names}' are names of channels, with a value for each in "
+            "another column; write a column for each channel first, for example with pivot_table of pandas",
+            where=display_path(path),
         )
     # The steering needs the units of speed and yaw rate, and its sign needs to know which steering it is.
     channels = _solve_units(_exchange_axes(channels, numbers, seconds), numbers, seconds)
@@ -307,7 +308,7 @@ def _proposals_of_bag(path: Path) -> list[Proposal]:
                 proposals[name] = Proposal(name, column, unit or _UNITS[si][0], 1, reasons, _is_certain(name, unit))
     if not proposals:
         listed = ", ".join(f"{topic.name} ({topic.kind})" for topic in topics[:8]) or "none"
-        raise ConfigError(f"{display_path(path)}: no topic has a known type or name; topics: {listed}")
+        raise ConfigError(f"no topic has a known type or name; topics: {listed}", where=display_path(path))
     return list(proposals.values())
 
 

@@ -57,7 +57,7 @@ def read_gazebo_xml(path: Path) -> XmlDocument:
     before, mark, _ = data.replace(b"\0", b"").partition(b"<!ENTITY")  # the second reading would overlook it
     if mark:
         line = before.count(b"\n") + 1
-        raise ModelError("declares an XML entity; replace each reference to it by its text", where=f"{name}:{line}")
+        raise ModelError("declares an XML entity; replace each reference to it by its text", file=name, line=line)
     # Only a file that is not valid XML is repaired.
     try:
         return parse_xml(data, name, error=ModelError, text_after_root=True)

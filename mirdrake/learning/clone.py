@@ -25,7 +25,7 @@ import numpy as np
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.assembly.scene import make_scene
 from mirdrake.core.digest import digest, digest_data
-from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean, first_line
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.files import read_errors, write_errors
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
@@ -173,7 +173,7 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
         try:
             mirror_signs([f"{car.vehicle}.{name}" for name in spec.inputs])
         except ConfigError as error:
-            raise ConfigError(str(error), where=where(spec, "inputs")) from None
+            raise error.under(where(spec, "inputs")) from None
     own = diagram["world"]
     worlds = _labelled(spec.worlds) or _labelled([own])
     judged = _labelled(spec.drive.worlds) or _labelled([own])
@@ -206,9 +206,9 @@ def _check_world(spec: LearningSpec, diagram: Json, car: Car, world: Any, key: s
     """Check that the diagram can be laid out in a world, and that the camera and its pictures fit the network."""
     try:
         # Every world is laid out before the first run: a fault in the last one would otherwise show after hours.
-        scene = make_scene(make_spec({**diagram, "world": _entry(world)}))
+        scene = make_scene(make_spec({**diagram, "world": _entry(world)}, name=""))
     except ConfigError as error:
-        raise ConfigError(first_line(error).removeprefix("diagram: "), where=where(spec, key)) from None
+        raise error.faults[0].under(where(spec, key)) from None
     mounts = scene.vehicles[car.vehicle].sensors.mounts
     mount = mounts.get(car.camera)
     if not isinstance(mount, PictureMount):
@@ -219,7 +219,7 @@ def _check_world(spec: LearningSpec, diagram: Json, car: Car, world: Any, key: s
         preparation = Preparation(mount.width, mount.height, spec.picture.crop, spec.picture.size)
         Architecture(*preparation.shape).features()
     except ConfigError as error:
-        raise ConfigError(str(error), where=where(spec, "picture")) from None
+        raise error.under(where(spec, "picture")) from None
 
 
 def _delay(setup: _Setup) -> Json:

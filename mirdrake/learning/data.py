@@ -286,7 +286,9 @@ def _pairs(
         )
     missing = next((picture.path for picture in pictures if not picture.path.is_file()), None)
     if missing is not None:
-        raise ConfigError(f"{missing}: is in the driving log, but there is no such picture; record the run again")
+        raise ConfigError(
+            "is in the driving log, but there is no such picture; record the run again", file=str(missing)
+        )
 
     # Labels that would be read after the end of the run do not exist.
     usable = times + lead <= end + 1e-9
@@ -322,8 +324,8 @@ def _store(pictures: Sequence[Picture], preparation: Preparation, crop: CropSpec
             try:
                 array[index] = preparation(picture.pixels)
             except ConfigError as error:
-                text = str(error)
-                raise ConfigError(text if str(picture.path) in text else f"{picture.path}: {text}") from None
+                # A picture that cannot be read is named already.
+                raise (error if error.where == str(picture.path) else error.under(str(picture.path))) from None
         array.flush()
         # Closes the mapping before the file is renamed.
         del array

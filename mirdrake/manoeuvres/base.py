@@ -210,7 +210,7 @@ class Outcome:
         for metric in self.metrics:
             if metric.key == key:
                 return metric.value
-        raise ConfigError(f"{self.name}: no figure '{key}'")
+        raise ConfigError(f"no figure '{key}'", where=self.name)
 
     def data(self) -> dict[str, object]:
         """Return plain data for JSON."""
@@ -265,7 +265,7 @@ class ManoeuvreSpec(Schema):
 
     def fault(self, name: str, text: str) -> ConfigError:
         """Return an error about a setting, with the file and line where it was written."""
-        return ConfigError(f"{where(self, name)}: {text}")
+        return ConfigError(f"{text}", where=where(self, name))
 
     def used(self) -> Iterator[SettingRecord]:
         """Yield all settings."""

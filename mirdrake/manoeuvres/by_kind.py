@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from mirdrake.core.checks import checks_arguments
 from mirdrake.core.errors import ConfigError, did_you_mean
 
 T = TypeVar("T")
@@ -22,8 +23,8 @@ def make_by_kind(data: Mapping[str, object], registry: Mapping[str, Callable[...
     arguments = dict(data)
     kind = str(arguments.pop("kind", None))
     if kind not in registry:
-        raise ConfigError(f"{what}: unknown kind '{kind}'; {did_you_mean(kind, registry)}")
+        raise ConfigError(f"unknown kind '{kind}'; {did_you_mean(kind, registry)}", where=what)
     try:
-        return registry[kind](**arguments)
+        return checks_arguments(registry[kind], f"{what} {kind}")(**arguments)
     except TypeError as error:
-        raise ConfigError(f"{what} {kind}: {str(error).split(') ', 1)[-1]}") from None
+        raise ConfigError(str(error), where=f"{what} {kind}") from None

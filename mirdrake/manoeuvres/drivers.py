@@ -112,9 +112,9 @@ def make_rows(rows: Sequence[Sequence[float]], count: int, owner: str) -> Rows:
     """
     checked = [tuple(float(value) for value in row) for row in rows]
     if not checked or any(len(row) != count + 1 for row in checked):
-        raise ConfigError(f"{owner}: each row must have a time and {plural(count, 'number')}")
+        raise ConfigError(f"each row must have a time and {plural(count, 'number')}", where=owner)
     if any(later[0] < earlier[0] for earlier, later in pairwise(checked)):
-        raise ConfigError(f"{owner}: the times must not decrease")
+        raise ConfigError("the times must not decrease", where=owner)
     return Rows(tuple(checked))
 
 

@@ -83,7 +83,7 @@ class Facts:
             return self
         for name in changes:
             if name not in PARAMETERS:
-                raise ConfigError(f"single_track.{name}: no such parameter; {did_you_mean(name, PARAMETERS)}")
+                raise ConfigError(f"no such parameter; {did_you_mean(name, PARAMETERS)}", path=("single_track", name))
         parameters = replace(self.parameters, **changes)
         return replace(
             self,

@@ -150,8 +150,9 @@ def _make_driver(entry: Mapping[str, Any], vehicle: Vehicle) -> PathDriver | Ope
     if kind == f"{_MODULE}OpenLoopDriver" and settings.get("period", PERIOD) == PERIOD:
         return OpenLoopDriver(**settings)
     raise ConfigError(
-        f"driver {kind}: the single-track model is driven by PathDriver and OpenLoopDriver with a "
-        f"period of {PERIOD:g} s; use the full plant"
+        f"the single-track model is driven by PathDriver and OpenLoopDriver with a period of {PERIOD:g} s; "
+        "use the full plant",
+        where=f"driver {kind}",
     )
 
 

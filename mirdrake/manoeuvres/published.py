@@ -285,8 +285,10 @@ def load_published(vehicle: Vehicle) -> PublishedFigures:
     """
     path = vehicle.folder / FILE
     if not path.is_file():
-        raise ConfigError(f"{vehicle.name}: has no {FILE}; write one as in docs/validation.md")
+        raise ConfigError(f"has no {FILE}; write one as in docs/validation.md", where=vehicle.name)
     published = load_yaml(path, PublishedFigures)
     if not published.figures and not published.none_because:
-        raise ConfigError(f"{FILE} of {vehicle.name}: has no figures; add figures, or the reason as none_because")
+        raise ConfigError(
+            "has no figures; add figures, or the reason as none_because", where=f"{FILE} of {vehicle.name}"
+        )
     return published

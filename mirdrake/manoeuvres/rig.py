@@ -112,7 +112,7 @@ class Rig:
     def __post_init__(self) -> None:
         if (self.changes or self.gains) and self.kind == "full":
             names = [*(f"single_track.{name}" for name in self.changes), *(f"gains.{name}" for name in self.gains)]
-            raise ConfigError(f"{names[0]}: is a setting of the single-track model; leave it out for the full plant")
+            raise ConfigError("is a setting of the single-track model; leave it out for the full plant", where=names[0])
         if self.changes:
             # The driver knows the car that he drives.
             self.facts = self.facts.with_parameters(self.changes)

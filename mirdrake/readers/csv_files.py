@@ -192,7 +192,9 @@ def _check_widths(text: _Text, header: _Header) -> None:
             if header.line is not None:
                 source = f"names in the header in line {header.line + 1}"
             raise ConfigError(
-                f"{text.request.name}:{index + 1}: has {plural(len(cells), 'cell')}, but there are {count} {source}"
+                f"has {plural(len(cells), 'cell')}, but there are {count} {source}",
+                file=text.request.name,
+                line=index + 1,
             )
 
 
@@ -222,10 +224,9 @@ def _parse_rows(text: _Text, header: _Header) -> Table:
             engine="c",
         )
     except (pd.errors.ParserError, ValueError):
-        line = next(
-            (f":{index + 1}" for index in rows if len(text.cells(index, header.delimiter)) > len(header.names)), ""
-        )
-        raise ConfigError(f"{name}{line}: does not have the {len(header.names)} cells of the header") from None
+        count = len(header.names)
+        line = next((index + 1 for index in rows if len(text.cells(index, header.delimiter)) > count), None)
+        raise ConfigError(f"does not have the {count} cells of the header", file=name, line=line) from None
     # Columns of one name get their places in their names.
     counts = Counter(header.names)
     names = [f"{title} (column {at})" if counts[title] > 1 else title for at, title in enumerate(header.names, start=1)]

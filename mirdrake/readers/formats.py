@@ -65,7 +65,7 @@ def read_run(request: Request) -> Table:
     with read_errors(file):
         parts = stored(file)
         if not parts:
-            raise ConfigError(f"{request.name}/{_SIGNALS}: has no samples")
+            raise ConfigError("has no samples", where=f"{request.name}/{_SIGNALS}")
         table = pa.concat_tables([read_part(part) for part in parts])
     return _columns(f"{request.name}", table, {"time": "s"})
 

@@ -23,7 +23,7 @@ def read_json_lines(request: Request) -> Table:
     records = []
     for at, row in rows:
         if not isinstance(row, dict):
-            raise ConfigError(f'{request.name}:{at}: is no object; a line of JSON is {{"time": 0.0, …}}')
+            raise ConfigError('is no object; a line of JSON is {"time": 0.0, …}', file=request.name, line=at)
         records.append(_flat(row))
     if not records:
         raise ConfigError("is empty; lines of JSON are expected", where=request.name)
@@ -36,7 +36,7 @@ def _parse(request: Request, at: int, text: str) -> object:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{request.name}:{at}: is not JSON: {str(error)[:80]}") from None
+        raise ConfigError(f"is not JSON: {str(error)[:80]}", file=request.name, line=at) from None
 
 
 def _flat(row: dict[str, object], prefix: str = "") -> dict[str, object]:

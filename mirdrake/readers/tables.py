@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, Place, did_you_mean
 from mirdrake.core.yaml_io import Schema, display_path
 
 PLACE = re.compile(r" \(column \d+\)$")
@@ -100,15 +100,18 @@ class Table:
         bad = np.isnan(numbers) & values.notna().to_numpy()
         if bad.any():
             row = int(np.argmax(bad))
-            line = f":{self.lines[row]}" if self.lines is not None else f": row {row + 1}"
             count = f" ({int(bad.sum())} cells in all)" if bad.sum() > 1 else ""
-            raise ConfigError(f"{self.name}{line}: column '{column}': {str(values[row])[:40]!r} is not a number{count}")
+            raise ConfigError(
+                f"column '{column}': {str(values[row])[:40]!r} is not a number{count}", where=self.row(row)
+            )
         numbers[~np.isfinite(numbers)] = np.nan
         return numbers
 
-    def row(self, index: int) -> str:
+    def row(self, index: int) -> Place:
         """Return ``file:line`` of a row."""
-        return f"{self.name}:{self.lines[index]}" if self.lines is not None else f"{self.name}: row {index + 1}"
+        if self.lines is None:
+            return Place(self.name, path=(f"row {index + 1}",))
+        return Place(self.name, int(self.lines[index]))
 
 
 def vectors(content: Any, prefix: str = "") -> dict[str, NDArray[Any]]:

@@ -51,7 +51,7 @@ def read_vbo(request: Request) -> Table:
     for row in rows:
         if len(cells := lines[row].split()) != len(names):
             raise ConfigError(
-                f"{name}:{row + 1}: has {plural(len(cells), 'cell')}, but there are {len(names)} column names"
+                f"has {plural(len(cells), 'cell')}, but there are {len(names)} column names", file=name, line=row + 1
             )
     units: dict[str, str] = {}
     # The header of some files has further lines, which are not titles.

@@ -141,7 +141,7 @@ def _scene_of(run: Run) -> tuple[Scene | None, list[str]]:
     try:
         scene = run.scene()
     except MirdrakeError as error:
-        return None, str(error).splitlines() if run.folder is not None and run.spec else []
+        return None, [str(fault) for fault in error.faults] if run.folder is not None and run.spec else []
     return scene, list(scene.changes)
 
 

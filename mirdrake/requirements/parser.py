@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import NoReturn, TypeVar
 
-from mirdrake.core.errors import ConfigError, did_you_mean, place_prefix, printable
+from mirdrake.core.errors import ConfigError, did_you_mean, printable
 from mirdrake.core.yaml_io import to_si
 from mirdrake.requirements.judging import Kind, Requirement
 from mirdrake.requirements.observation import EVENTS, SIGNALS
@@ -244,4 +244,4 @@ class _Parser:
     def _fail(self, what: str) -> NoReturn:
         text = self._text if len(self._text) <= 80 else f"{self._text[:79]}…"
         line = f"'{text}' is not a requirement: {what}; {_ALLOWED}"
-        raise ConfigError(place_prefix(self._where) + printable(line, " "))
+        raise ConfigError(printable(line, " "), where=self._where)

@@ -190,7 +190,7 @@ class RangeScan(LeafSystem):
         # Two or more beams at one angle would give a step of zero, by which indices are divided.
         if start_angle == end_angle and beams > 1:
             raise ConfigError(
-                f"{owner}: {beams} beams need an end_angle above start_angle, got {end_angle:g} rad twice"
+                f"{beams} beams need an end_angle above start_angle, got {end_angle:g} rad twice", where=owner
             )
         self.reach = check_number(owner, "reach", reach, unit="m", above=0.0)
         low = check_number(owner, "height", volume.low if height is None else height, unit="m")

@@ -113,16 +113,18 @@ class SingleTrackParameters:
                 check_number(owner, field.name, value, at_least=0.0 if field.name in _NOT_NEGATIVE else -np.inf)
         if self.blend_end <= self.blend_start:
             raise ConfigError(
-                f"{owner}: blend_end must be above blend_start, {self.blend_start:g} m/s, got {self.blend_end:g} m/s"
+                f"blend_end must be above blend_start, {self.blend_start:g} m/s, got {self.blend_end:g} m/s",
+                where=owner,
             )
         if self.gravity_z >= 0.0:
-            raise ConfigError(f"{owner}: gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up")
+            raise ConfigError(f"gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up", where=owner)
         # Static stability of roll: the springs must outweigh gravity on the rolled body.
         tipping = -self.roll_mass * self.gravity_z * self.roll_height
         if self.roll_stiffness <= tipping:
             raise ConfigError(
-                f"{owner}: roll_stiffness must be above roll_mass g roll_height, {tipping:g} N m/rad, or the vehicle "
-                f"rolls over; got {self.roll_stiffness:g} N m/rad"
+                f"roll_stiffness must be above roll_mass g roll_height, {tipping:g} N m/rad, or the vehicle "
+                f"rolls over; got {self.roll_stiffness:g} N m/rad",
+                where=owner,
             )
 
     @property

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.digest import digest_data
-from mirdrake.core.errors import ConfigError, did_you_mean, first_line, one_line
+from mirdrake.core.errors import ConfigError, did_you_mean, one_line
 from mirdrake.core.yaml_io import Source, validate, where
 from mirdrake.execution.job import Outcome, Status
 from mirdrake.manoeuvres.base import ManoeuvreSpec
@@ -69,14 +69,14 @@ def make_manoeuvre_plan(spec: StudySpec) -> Plan:
     try:
         base = _read_settings(spec.overrides)
     except ConfigError as error:
-        raise ConfigError(str(error), where=where(spec, "overrides")) from None
+        raise error.under(where(spec, "overrides")) from None
     # The ends of each range are tried, so that faults are reported before the start.
     for path, entry in spec.parameters.items():
         for value in entry.ends():
             try:
                 _make_rig(spec, vehicle, base, {path: value})
             except ConfigError as error:
-                raise ConfigError(first_line(error), where=where(spec, "parameters", path)) from None
+                raise error.faults[0].under(where(spec, "parameters", path)) from None
     if len(set(spec.metrics)) < len(spec.metrics):
         raise ConfigError("each metric must have a different name", where=where(spec, "metrics"))
     content = digest_data([vehicle.urdf, vehicle.spec.model_dump(mode="json"), vehicle.control.model_dump(mode="json")])

@@ -117,7 +117,7 @@ class OptunaProposer:
             raise ConfigError(f"method: {method} optimises one objective; use nsga2 for {objectives}")
         for name, entry in space.items():
             if entry.low is None:
-                raise ConfigError(f"{name}: {method} needs a range, low and high, not values")
+                raise ConfigError(f"{method} needs a range, low and high, not values", where=name)
         self._optuna = _optuna()
         self.batch: int | None = batch
         self._barrier = method == "cma"

@@ -12,7 +12,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.assembly.inputs import input_digest
 from mirdrake.core.digest import digest_data
-from mirdrake.core.errors import ConfigError, did_you_mean, first_line
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_user_function
@@ -145,9 +145,9 @@ def make_plan(spec: StudySpec) -> Plan:
             continue
         for value in entry.ends()[:_CHECKED]:
             try:
-                make_spec(put(data, name, value))
+                make_spec(put(data, name, value), name="")
             except ConfigError as error:
-                raise ConfigError(first_line(error).removeprefix("diagram: "), where=location) from None
+                raise error.faults[0].under(location) from None
     _check_metrics(spec, list(vehicles))
 
     # Models and the world are part of the digest: a resumed study must not mix rows of different models.
@@ -196,7 +196,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
         try:
             diagram = load_diagram(given)
         except ConfigError as error:
-            raise ConfigError(str(error), where=location) from None
+            raise error.under(location) from None
     else:
         source = spec._source or Source("study", {})
         diagram = validate(dict(given), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
@@ -207,10 +207,9 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
     for path, value in overrides.items():
         try:
             data = put(data, path, value)
-            make_spec(data)
+            make_spec(data, name="")
         except ConfigError as error:
-            first = first_line(error).removeprefix("diagram: ")
-            raise ConfigError(first, where=where(spec, "overrides", path)) from None
+            raise error.faults[0].under(where(spec, "overrides", path)) from None
     return make_spec(data)
 
 
@@ -263,7 +262,7 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
             try:
                 load_user_function(function, folder=spec.folder)
             except ConfigError as error:
-                raise ConfigError(str(error), where=location) from None
+                raise error.under(location) from None
         elif name not in figures:
             raise ConfigError(
                 f"neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}",

@@ -119,7 +119,7 @@ def check_single_track(plan: Plan) -> None:
     try:
         _Model(plan.diagram, {}, 1)
     except ConfigError as error:
-        raise ConfigError(str(error), where=where(spec, "model")) from None
+        raise error.under(where(spec, "model")) from None
 
 
 def run_shard(shard: BatchShard) -> list[Outcome]:

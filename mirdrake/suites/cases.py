@@ -204,17 +204,18 @@ def collect_cases(
     Raises:
         ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is unknown.
     """
-    faults: list[str] = []
+    faults: list[MirdrakeError] = []
     collected: list[tuple[str, Case]] = []
     for name in files:
         try:
             path = find("worlds", str(name))
             world = load_world(str(path))
         except MirdrakeError as error:
-            faults.append(str(error))
+            faults.append(error)
             continue
         if not world.spec.tests:
-            faults.append(f"{where(world.spec, 'tests')}: there is nothing to test; add tests to the file")
+            text = "there is nothing to test; add tests to the file"
+            faults.append(ConfigError(text, where=where(world.spec, "tests")))
 
         # Cases of a test with faults are not made: its diagrams would fail with a less helpful message.
         test_faults = [fault for test in world.spec.tests for fault in _faults(world, test, values or {}, path)]
@@ -224,8 +225,7 @@ def collect_cases(
                 (world.name, case) for test in world.spec.tests for case in _cases(world, test, path, values or {})
             ]
     if faults:
-        # Several tests may report the same fault; `fromkeys` removes repetitions and keeps the order.
-        raise ConfigError("\n".join(dict.fromkeys(faults)))
+        raise ConfigError(faults=faults)
     cases = _distinct(collected)
     # Names are checked last, because they may be prefixed by the world's name.
     known = {name for case in cases for name in (case.name, case.name.split("#")[0])}
@@ -391,8 +391,8 @@ def _distinct(collected: Sequence[tuple[str, Case]]) -> list[Case]:
 # --- faults that are found before anything runs -----------------------------------------------------------------------
 
 
-def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[str]:
-    """Yield the faults of a test, a line each."""
+def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[MirdrakeError]:
+    """Yield the faults of a test."""
     spec = world.spec
     first_at: dict[str, str] = {}
     cars: dict[str, CaseSpec | OtherSpec] = {VEHICLE: test, **test.others}
@@ -401,7 +401,9 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
         first = first_at.setdefault(car.start or next(iter(world.starts)), name)
         if first != name:
             location = where(car, "start")
-            yield f"{location}: '{name}' starts at the place of '{first}'; give each vehicle a start of its own"
+            yield ConfigError(
+                f"'{name}' starts at the place of '{first}'; give each vehicle a start of its own", where=location
+            )
     # Every place that names a parameter, with its location.
     named = [(key, where(test, "variations", key)) for key in test.variations]
     named += [(key, where(spec, "params")) for key in values]
@@ -409,7 +411,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
         named += [(key, where(test.search, "over", key)) for key in test.search.over]
     for key, location in named:
         if key != "seed" and key not in spec.params:
-            yield f"{location}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
+            yield ConfigError(f"unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}", where=location)
 
     # Each check is independent, so that all faults of a test are reported at once.
     try:
@@ -418,76 +420,78 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     except WorldError:
         pass  # its runs will report it
     except ConfigError as error:
-        yield str(error)
+        yield error
     try:
         # The diagram is validated with nominal values, to report faults of the behaviour at its place in the file.
         make_spec(_diagram(test, path, {}, spec.seed))
     except ConfigError as error:
-        for line in str(error).splitlines():
-            yield f"{where(test, 'behaviour')}: {line}"
+        yield error.under(where(test, "behaviour"))
     expected: list[tuple[CaseSpec | OtherSpec, str, int]] = [(test, text, row) for row, text in enumerate(test.expect)]
     for name, other in test.others.items():
         expected += [(other, text, row) for row, text in enumerate(other.expect)]
         if name == VEHICLE:
-            yield f"{where(test, 'others', name)}: '{name}' is the vehicle under test; choose another name"
+            yield ConfigError(
+                f"'{name}' is the vehicle under test; choose another name", where=where(test, "others", name)
+            )
     for actor in world.moving:
         if actor.name in (VEHICLE, *test.others):
             location = where(actor.spec, "name")
-            yield f"{location}: '{actor.name}' is the name of a vehicle of the test '{test.name}'; rename the actor"
+            yield ConfigError(
+                f"'{actor.name}' is the name of a vehicle of the test '{test.name}'; rename the actor", where=location
+            )
     names = [*(actor.name for actor in world.moving), VEHICLE, *test.others]
     for location, _, condition in conditions(spec.actors, spec.scenario):
         if condition.of is not None and condition.of not in names:
             hint = did_you_mean(condition.of, names)
-            yield f"{location}: there is no vehicle or actor '{condition.of}' in the test '{test.name}'; {hint}"
+            yield ConfigError(
+                f"there is no vehicle or actor '{condition.of}' in the test '{test.name}'; {hint}", where=location
+            )
     for owner, text, index in expected:
         try:
             requirement = parse_requirement(text, where=where(owner, "expect", index))
         except ConfigError as error:
-            yield str(error)
+            yield error
         else:
-            yield from _unfit(requirement, world, test, owner.goal)
+            for fault in _unfit(requirement, world, test, owner.goal):
+                yield ConfigError(f"'{requirement}': {fault}", where=requirement.where)
 
 
-def _vehicle_faults(world: World, car: CaseSpec | OtherSpec) -> Iterator[str]:
+def _vehicle_faults(world: World, car: CaseSpec | OtherSpec) -> Iterator[MirdrakeError]:
     """Yield the names that a vehicle of a test has and its world has not."""
     for key, name, known in (("start", car.start, world.starts), ("goal", car.goal, world.goals)):
         if name is not None and name not in known:
-            yield f"{where(car, key)}: unknown {key} '{name}'; {did_you_mean(name, known)}"
+            yield ConfigError(f"unknown {key} '{name}'; {did_you_mean(name, known)}", where=where(car, key))
     try:
         find_vehicle(car.vehicle, where=where(car, "vehicle"))
     except MirdrakeError as error:
-        yield str(error)
+        yield error
 
 
 def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str | None) -> Iterator[str]:
     # A requirement can be well-formed and still ask for something that this world does not have.
     """Yield what a requirement needs that the world or the test does not have; `own_goal` is that of the vehicle."""
-    location = f"{requirement.where}: '{requirement}'"
     # `red` stands for the red light of the vehicle, unless the world has a goal of that name.
     for goal in requirement.goals:
         if goal == "red" and goal not in world.goals:
             if not world.lights:
-                yield f"{location}: the world has no traffic lights; add them under signals"
+                yield "the world has no traffic lights; add them under signals"
         elif goal == "goal" and own_goal is None and "goal" not in world.goals:
-            yield f"{location}: the test has no goal; add goal: NAME to it, or write the name after 'at'"
+            yield "the test has no goal; add goal: NAME to it, or write the name after 'at'"
         elif goal != "goal" and goal not in world.goals:
             hint = did_you_mean(goal, world.goals) if world.goals else "the world has none; add them under goals"
-            yield f"{location}: unknown goal '{goal}'; {hint}"
+            yield f"unknown goal '{goal}'; {hint}"
     for signal in requirement.signals:
         name = signal.removeprefix(GAP)
         names = [*(actor.name for actor in world.moving), VEHICLE, *test.others]
         if name != signal and name not in names:
-            yield f"{location}: there is no vehicle or actor '{name}'; {did_you_mean(name, names)}"
+            yield f"there is no vehicle or actor '{name}'; {did_you_mean(name, names)}"
         if signal in TRACK_SIGNALS and not world.tracks:
-            yield f"{location}: '{signal}' needs a track, and the world has none"
+            yield f"'{signal}' needs a track, and the world has none"
         elif signal in LAP_SIGNALS and not any(track.closed for track in world.tracks.values()):
-            yield f"{location}: '{signal}' needs a closed track, and the world has none"
+            yield f"'{signal}' needs a closed track, and the world has none"
     if requirement.after >= test.duration:
-        yield f"{location}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
+        yield f"nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
     # The tolerance allows limits that end exactly with the test, up to rounding of their sum.
     elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:
         late = requirement.after + requirement.within
-        yield (
-            f"{location}: it may take until {late:g} s, but the test lasts {test.duration:g} s; "
-            "make its duration longer"
-        )
+        yield f"it may take until {late:g} s, but the test lasts {test.duration:g} s; make its duration longer"

@@ -92,7 +92,9 @@ def run_suite(
             # Checked before the list of cases is written, which would overwrite that of another suite.
             used = any(target.iterdir())
         if used and not resume:
-            raise RunError(f"{target}: is not empty; choose another folder with --out, or continue with --resume")
+            raise RunError(
+                "is not empty; choose another folder with --out, or continue with --resume", file=str(target)
+            )
         write_file(target / CASES_FILE, json.dumps({"cases": [case.data() for case in cases]}, indent=1) + "\n")
 
     # Results of cases that have changed since are removed from the journal.

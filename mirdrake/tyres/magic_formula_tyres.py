@@ -126,7 +126,7 @@ class MagicFormulaTyres(SlipTyres):
             if path is None:
                 known = [other.name for parent in folders for other in sorted(parent.glob("*.tir"))]
                 prefix = where(key) if where else f"tyres.{key}"
-                raise ConfigError(f"{prefix}: no file '{name}'; {did_you_mean(name, known)}")
+                raise ConfigError(f"no file '{name}'; {did_you_mean(name, known)}", where=prefix)
             files.append(path)
         return tuple(files)
 
@@ -184,7 +184,7 @@ def _vertical_tyre(file: TirFile) -> VerticalTyre | None:
     except ConfigError as error:
         # Only a file with QFZ2 can fail.
         lines = [entries["QFZ2"].line for entries in file.sections.values() if "QFZ2" in entries]
-        raise ConfigError(f"{file.name}:{lines[0]}: {error}") from None
+        raise ConfigError(f"{error}", file=file.name, line=lines[0]) from None
 
 
 def _scaled(parameters: MagicFormulaParameters, scale: TyreScale) -> MagicFormulaParameters:

@@ -164,7 +164,7 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     """Parse and check the text of a .tir file; see :func:`read_tir`."""
     # Sections, units and version.
     # Broken lines are reported first, since everything below would only repeat them.
-    faults: list[str] = []
+    faults: list[ConfigError] = []
     sections, lines = _parse(text, name, faults)
     _raise_faults(faults)
     # Other tyre models have other sections and units: nothing else about them helps.
@@ -172,7 +172,7 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     _raise_faults(faults)
     scales = _scales(sections, lines, name, faults)
     missing = [section for section in _SECTIONS if section not in sections]
-    faults += [f"{name}:1: [{section}]: missing section; the Magic Formula needs it" for section in missing]
+    faults += [_fault("missing section; the Magic Formula needs it", name, 1, section) for section in missing]
     # Values of known names in SI units; errors are collected.
     values: dict[str, float] = {}
     unused: list[str] = []
@@ -185,30 +185,32 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
         if known not in _FIELDS:
             unused.append(key)
             continue
-        location = f"{name}:{entry.line}: [{section}] {key}"
+        location = name, entry.line, section, key
         if entry.value == "" and _FIELDS[known].default is not MISSING:
             continue
         if isinstance(entry.value, str):
-            faults.append(f"{location}: expected a finite number, got '{_short(entry.value)}'")
+            faults.append(_fault(f"expected a finite number, got '{_short(entry.value)}'", *location))
         elif known in seen:
             if values.get(known.lower(), 0.0) != entry.value * _scale(known, scales):
-                faults.append(f"{location}: has another value in line {seen[known]}; keep one of them")
+                faults.append(_fault(f"has another value in line {seen[known]}; keep one of them", *location))
             continue
         else:
             values[known.lower()] = entry.value * _scale(known, scales)
-            faults += _range_fault(location, known, entry.value)
+            faults += [_fault(text, *location) for text in _range_fault(known, entry.value)]
         seen[known] = entry.line
     # Coefficients without a default must be in the file.
     if not missing:
         needed = (name for name, field in _FIELDS.items() if field.default is MISSING and name not in seen)
-        faults += [f"{name}:1: {key}: missing; the Magic Formula needs it{_near(key, unused)}" for key in needed]
+        faults += [
+            _fault(f"missing; the Magic Formula needs it{_near(key, unused)}", name, 1, key=key) for key in needed
+        ]
     _raise_faults(faults)
     # PAC2002 files have a positive PDY1; see the head of the module.
     if values["pdy1"] > 0.0:
         values |= {key: -values[key] for key in _NEGATED_WITH_PDY1 if key in values}
     parameters = MagicFormulaParameters(version=version, **values)
     if not parameters.fzmin < parameters.fzmax:
-        _raise_faults([f"{name}:{seen['FZMAX']}: FZMAX: must be larger than FZMIN, {parameters.fzmin:g} N"])
+        raise _fault(f"must be larger than FZMIN, {parameters.fzmin:g} N", name, seen["FZMAX"], key="FZMAX")
     return TirFile(name, sections, parameters, tuple(unused))
 
 
@@ -218,7 +220,7 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
 _ENDS = "\x1a\0"  # Ctrl-Z or zeros that old programs write at the end of a file
 
 
-def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str, Entry]], dict[str, int]]:
+def _parse(text: str, name: str, faults: list[ConfigError]) -> tuple[dict[str, dict[str, Entry]], dict[str, int]]:
     """Return the entries by section, and the lines of the sections."""
     sections: dict[str, dict[str, Entry]] = {}
     lines: dict[str, int] = {}
@@ -233,7 +235,6 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         remark = len(bare) < len(raw)
         if not line:
             continue
-        location = f"{name}:{number}"
         if header := _HEADER.match(line):
             section, table = header[1].upper(), False
             sections.setdefault(section, {})
@@ -241,18 +242,17 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         elif line[0] in "{(":
             table = True  # rows of numbers or text follow: shapes, load curves, comments
         elif not section:
-            faults.append(f"{location}: '{_short(line)}' is before the first [SECTION]")
+            faults.append(_fault(f"'{_short(line)}' is before the first [SECTION]", name, number))
         elif entry := _ENTRY.match(line):
             key, new_entry = entry[1].upper(), Entry(_value(entry[2].strip()), number)
             first = sections[section].setdefault(key, new_entry)
             # The first value wins; a repeated key matters only if it is used.
             used = key in _FIELDS or section in {"UNITS", "MODEL"}
             if used and str(first.value) != str(new_entry.value):
-                faults.append(
-                    f"{location}: [{section}] {key}: has another value in line {first.line}; keep one of them"
-                )
+                text = f"has another value in line {first.line}; keep one of them"
+                faults.append(_fault(text, name, number, section, key))
         elif not table and not _NUMBERS.match(line):
-            faults.append(f"{location}: expected NAME = value, got '{_short(line)}'")
+            faults.append(_fault(f"expected NAME = value, got '{_short(line)}'", name, number))
     return sections, lines
 
 
@@ -300,7 +300,7 @@ def _entries(sections: Mapping[str, Mapping[str, Entry]]) -> Iterator[tuple[str,
 
 
 def _scales(
-    sections: Mapping[str, Mapping[str, Entry]], lines: Mapping[str, int], name: str, faults: list[str]
+    sections: Mapping[str, Mapping[str, Entry]], lines: Mapping[str, int], name: str, faults: list[ConfigError]
 ) -> dict[str, float]:
     """Return the SI value of each unit of the file."""
     # A file without a unit of pressure is in SI.
@@ -310,13 +310,13 @@ def _scales(
         entry = units.get(kind)
         if entry is None:
             if kind in _REQUIRED_UNITS and "UNITS" in sections:
-                faults.append(f"{name}:{lines['UNITS']}: [UNITS] {kind}: missing; {did_you_mean('', allowed)}")
+                faults.append(_fault(f"missing; {did_you_mean('', allowed)}", name, lines["UNITS"], "UNITS", kind))
             continue
         word = str(entry.value).lower()
         if word not in allowed:
             why = "; the coefficients are defined for radians only" if kind == "ANGLE" else ""
             message = f"unknown unit '{_short(str(entry.value))}'{why}; {did_you_mean(word, allowed)}"
-            faults.append(f"{name}:{entry.line}: [UNITS] {kind}: {message}")
+            faults.append(_fault(message, name, entry.line, "UNITS", kind))
         else:
             scales[kind] = allowed[word]
     return scales
@@ -328,7 +328,7 @@ def _scale(key: str, scales: Mapping[str, float]) -> float:
     return math.prod(scales.get(kind, 1.0) ** power for kind, power in zip(kinds, powers, strict=True))
 
 
-def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: list[str]) -> Version:
+def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: list[ConfigError]) -> Version:
     model = sections.get("MODEL", {})
     # FITTYP is the reliable statement; the format of the file is only a hint.
     if entry := model.get("FITTYP"):
@@ -336,26 +336,27 @@ def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: lis
         if number in _VERSIONS:
             return _VERSIONS[number]
         given = entry.value if isinstance(entry.value, str) else f"{entry.value:g}"
-        faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{given}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62")
+        message = f"unknown '{given}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62"
+        faults.append(_fault(message, name, entry.line, "MODEL", "FITTYP"))
     elif entry := model.get("PROPERTY_FILE_FORMAT"):
         if str(entry.value).upper() in _FORMATS:
             return "5.2"
         known = ", ".join(sorted(_FORMATS))
         message = f"unknown '{_short(str(entry.value))}' without FITTYP; only the Magic Formula is read: {known}"
-        faults.append(f"{name}:{entry.line}: [MODEL] PROPERTY_FILE_FORMAT: {message}")
+        faults.append(_fault(message, name, entry.line, "MODEL", "PROPERTY_FILE_FORMAT"))
     elif "MODEL" in sections:
-        faults.append(f"{name}:1: [MODEL] FITTYP: missing; give 61, 62 or, for MF 5.2, 6")
+        faults.append(_fault("missing; give 61, 62 or, for MF 5.2, 6", name, 1, "MODEL", "FITTYP"))
     return "6.1"
 
 
-def _range_fault(place: str, key: str, value: float) -> list[str]:
+def _range_fault(key: str, value: float) -> list[str]:
     if key in _POSITIVE and value <= 0.0:
-        return [f"{place}: must be positive, got {value:g}"]
+        return [f"must be positive, got {value:g}"]
     if key in _NOT_NEGATIVE and value < 0.0:
-        return [f"{place}: must not be negative, got {value:g}"]
+        return [f"must not be negative, got {value:g}"]
     if key in _NEGATIVE and value >= 0.0:
         why = "files in ISO-W axes have it negative; a positive one is for y to the right (adapted SAE)"
-        return [f"{place}: must be negative, got {value:g}; {why}"]
+        return [f"must be negative, got {value:g}; {why}"]
     return []
 
 
@@ -367,6 +368,12 @@ def _near(key: str, unused: list[str]) -> str:
     return f"; is '{close[0]}' meant?" if close else ""
 
 
-def _raise_faults(faults: list[str]) -> None:
+def _fault(text: str, name: str, line: int, section: str = "", key: str = "") -> ConfigError:
+    """Return the error of an entry, whose path in messages is ``[SECTION] KEY``."""
+    path = " ".join(filter(None, [section and f"[{section}]", key]))
+    return ConfigError(text, file=name, line=line, path=(path,) if path else ())
+
+
+def _raise_faults(faults: list[ConfigError]) -> None:
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)

@@ -109,12 +109,13 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
     packages = {name: str(folder), "mirdrake": str(data_root())}
     text = urdf.text.split("\n")
     # All faults and warnings are collected, since a folder usually has several meshes of the same kind.
-    warnings, faults = [], []
+    warnings: list[str] = []
+    faults: list[ModelError] = []
     seen: set[Path] = set()
     for role, formats in (("visual", VISUAL_FORMATS), ("collision", COLLISION_FORMATS)):
         for mesh in urdf.root.findall(f"link/{role}/geometry/mesh"):
             address = mesh.get("filename", "")
-            location = f"{urdf.where(mesh)}: {role} mesh '{address}'"
+            location = urdf.where(mesh, f"{role} mesh '{address}'")
             try:
                 package, path = _mesh_file(address, folder, packages, location)
                 if not path.is_file():
@@ -128,7 +129,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
                         raise ModelError(f"Drake reads {', '.join(formats)}; convert it", where=location)
                     warnings.append(f"{location}: cameras see {' and '.join(formats)} only; convert it")
             except ModelError as fault:
-                faults.append(str(fault))
+                faults.append(fault)
                 continue
             # The text is edited instead of the tree, so that the lines of messages stay those of the source.
             if package:
@@ -137,7 +138,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
                     f'filename="{_escaped(address)}"', f'filename="{_escaped(package)}"'
                 )
     if faults:
-        raise ModelError("\n".join(dict.fromkeys(faults)))
+        raise ModelError(faults=faults)
     return "\n".join(text), packages, tuple(warnings)
 
 
@@ -178,7 +179,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    location = f"{urdf.where(link)}: link '{link.get('name')}'"
+    location = urdf.where(link, f"link '{link.get('name')}'")
     mass = _mass(link)
     if mass is None or not 0.0 < mass < math.inf:
         given = "no mass" if mass is None else f"mass {mass:g} kg"

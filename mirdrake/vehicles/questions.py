@@ -137,9 +137,9 @@ def read_quantity(quantity: Quantity, value: Any) -> float:
     try:
         number = to_si(value, quantity.unit)
     except ValueError as error:
-        raise ConfigError(f"{name}: {error}") from None
+        raise ConfigError(f"{error}", where=name) from None
     if isinstance(number, bool) or not isinstance(number, int | float):
-        raise ConfigError(f"{name}: '{value}' is not a number; for example {quantity.example}")
+        raise ConfigError(f"'{value}' is not a number; for example {quantity.example}", where=name)
     if not quantity.low <= number <= quantity.high:
         # Frequent mistakes: degrees for radians, millimetres for metres.
         hint = ""
@@ -184,11 +184,13 @@ def check_plausible(values: Mapping[str, float]) -> None:
         if value is not None and not low <= value <= high:
             unit = QUANTITIES[key].unit
             faults.append(
-                f"{key} {value:g} {unit} does not fit the other dimensions; allowed: {low:.3g} to {high:.3g} {unit} "
-                f"({words})"
+                ConfigError(
+                    f"{key} {value:g} {unit} does not fit the other dimensions; allowed: {low:.3g} to {high:.3g} "
+                    f"{unit} ({words})"
+                )
             )
     if faults:
-        raise ConfigError("\n".join(dict.fromkeys(faults)))
+        raise ConfigError(faults=faults)
 
 
 # --- in a terminal -----------------------------------------------------------------------------------------------

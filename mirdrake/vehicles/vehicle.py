@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
 
-from mirdrake.core.errors import ConfigError, did_you_mean, not_found, place_prefix
+from mirdrake.core.errors import ConfigError, did_you_mean, not_found
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import SchemaT, Source, display_path, load_yaml, read_tree
 from mirdrake.core.yaml_io import where as where_in
@@ -211,6 +211,5 @@ def with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:
     """Return the spec with another driven axle."""
     allowed = get_args(Drive)
     if drive not in allowed:
-        prefix = place_prefix(where)
-        raise ConfigError(f"{prefix}argument drive: '{drive}' is not allowed; {did_you_mean(drive, allowed)}")
+        raise ConfigError(f"argument drive: '{drive}' is not allowed; {did_you_mean(drive, allowed)}", where=where)
     return spec.model_copy(update={"drive": drive})

@@ -171,9 +171,9 @@ def plan_vehicle(
         try:
             values[key] = read_quantity(QUANTITIES[key], value)
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
     if faults:
-        raise ConfigError("\n".join(faults))
+        raise ConfigError(faults=faults)
     sources = {key: GIVEN if _is_plain(given[key]) else f"{GIVEN}: {given[key]}" for key in values}
 
     # A tyre size gives radius and width; `tyre` those of both axles.

@@ -31,14 +31,13 @@ import xacro
 import yaml
 from xacro.substitution_args import convert_value
 
-from mirdrake.core.errors import ModelError, did_you_mean, printable
+from mirdrake.core.errors import ModelError, Place, did_you_mean, printable
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import display_path
 from mirdrake.vehicles.expansions import Expansions
 from mirdrake.vehicles.xacro_expressions import Evaluator
 from mirdrake.vehicles.xacro_functions import LARGEST
 
-Place = tuple[str, int]
 _AT = "_at"
 _USED = re.compile(r"\$\(arg\s+(\w+)\s*\)")
 _LOCK = threading.Lock()
@@ -90,7 +89,7 @@ class Urdf:
     Attributes:
         text: URDF, without xacro tags.
         root: the same as a tree.
-        places: (file, line in the source) of the element that starts on each line of `text`.
+        places: place in the source of the element that starts on each line of `text`.
         files: every file that took part, main file first.
         warnings: those of xacro.
     """
@@ -102,15 +101,15 @@ class Urdf:
     files: tuple[Path, ...]
     warnings: tuple[Warned, ...] = ()
 
-    def where(self, element: ElementTree.Element) -> str:
-        """Return ``file:line`` of an element in its source."""
-        return self.where_line(self.lines.get(element, 0))
+    def where(self, element: ElementTree.Element, *path: str) -> Place:
+        """Return ``file:line`` of an element in its source, with a name of the element if it is given."""
+        place = self.where_line(self.lines.get(element, 0))
+        return Place(place.file, place.line, path)
 
-    def where_line(self, line: int) -> str:
+    def where_line(self, line: int) -> Place:
         """Return ``file:line`` in the source of a line of the expanded text."""
         known = [number for number in self.places if number <= line]
-        name, number = self.places[max(known)] if known else (display_path(self.files[0]), 1)
-        return f"{name}:{number}"
+        return self.places[max(known)] if known else Place(display_path(self.files[0]), 1)
 
 
 @dataclass
@@ -162,9 +161,8 @@ class _Expansion:
         }
         return self.required | undeclared
 
-    def where(self) -> str:
-        name, line = self.places[self.cursor] if self.cursor is not None else (display_path(self.files[0]), 1)
-        return f"{name}:{line}"
+    def where(self) -> Place:
+        return self.places[self.cursor] if self.cursor is not None else Place(display_path(self.files[0]), 1)
 
     def note(self, node: Any) -> None:
         """Remember the element that xacro is at."""
@@ -192,24 +190,23 @@ class _Expansion:
         try:
             document = xml.dom.minidom.parseString(data)
         except expat.ExpatError as error:  # undeclared name space prefixes
-            raise ModelError(
-                f"not valid XML: {expat.ErrorString(error.code)}", where=f"{name}:{error.lineno}"
-            ) from None
+            raise ModelError(f"not valid XML: {expat.ErrorString(error.code)}", file=name, line=error.lineno) from None
         # Arguments are found in the text, since xacro reports the first missing one only.
         for number, words in enumerate(data.decode("utf-8", errors="replace").splitlines(), start=1):
             for match in _USED.finditer(words):
-                self.used.setdefault(match.group(1), (name, number))
+                self.used.setdefault(match.group(1), Place(name, number))
         # minidom has no lines: each element gets the number of its place as an attribute, which xacro copies.
         for node, line in zip(_elements(document.documentElement), lines, strict=True):
             node.setAttribute(_AT, str(len(self.places)))
-            self.places.append((name, line))
+            place = Place(name, line)
+            self.places.append(place)
             if node.tagName == "xacro:arg":
-                self.arguments.setdefault(node.getAttribute("name"), (name, line))
+                self.arguments.setdefault(node.getAttribute("name"), place)
                 if not node.hasAttribute("default"):  # which xacro asks for, even of an argument that is given
                     if node.getAttribute("name") in self.given:
                         node.setAttribute("default", "")
                     else:
-                        self.required.setdefault(node.getAttribute("name"), (name, line))
+                        self.required.setdefault(node.getAttribute("name"), place)
         return document
 
     def read_yaml(self, filename: str) -> Any:
@@ -349,13 +346,11 @@ class MissingArgumentsError(ModelError):
     """Xacro arguments without value and without default.
 
     Attributes:
-        places: name -> file and line.
         arguments: name -> ``file:line``.
     """
 
     def __init__(self, arguments: Mapping[str, Place]) -> None:
-        self.places = dict(arguments)
-        self.arguments = {name: f"{file}:{line}" for name, (file, line) in arguments.items()}
+        self.arguments = dict(arguments)
         first = next(iter(self.arguments.values()))
         # The place of the first argument is at the beginning.
         names = ", ".join(name + (f" ({place})" if place != first else "") for name, place in self.arguments.items())
@@ -443,16 +438,14 @@ def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
     """Return text, tree and line table of an expanded document."""
     places: list[Place] = []
-    last: Place = (display_path(note.files[0]), 1)
+    last = Place(display_path(note.files[0]), 1)
     root_node: Any = document.documentElement
     for node in _elements(root_node):
         if node.hasAttribute(_AT):
             last = note.places[int(node.getAttribute(_AT))]
             node.removeAttribute(_AT)
         if node.tagName.startswith("xacro:"):
-            raise ModelError(
-                f"'<{node.tagName}>' was not expanded: no such xacro tag or macro", where=f"{last[0]}:{last[1]}"
-            )
+            raise ModelError(f"'<{node.tagName}>' was not expanded: no such xacro tag or macro", where=last)
         places.append(last)
     _drop_space_and_comments(root_node)
     text: str = root_node.toprettyxml(indent="  ")

@@ -97,9 +97,9 @@ def examine(
             world = load_world(name_or_world, overrides=overrides)
         except MirdrakeError as error:
             return Examination(None, _faults_of("file", error))
-    faults = [Fault("unplaced", line) for line in world.unplaced_props]
+    faults = [_fault_of("unplaced", error) for error in world.unplaced_props]
     if world.rules is not None:
-        faults += [Fault("rule", line) for line in world.rules.broken(world.props)]
+        faults += [_fault_of("rule", error) for error in world.rules.broken(world.props)]
 
     # Props against each other and the ground.
     near = Neighbours(world.props)
@@ -292,8 +292,7 @@ def _test_faults(world: World, overrides: Iterable[str], known: set[str], *, tru
             try:
                 assemble(case.diagram)
             except MirdrakeError as error:
-                location = where(tests[case.test], "behaviour")
-                faults += [Fault("test", f"{location}: {fault.text}") for fault in _faults_of("test", error)]
+                faults += _faults_of("test", error.under(where(tests[case.test], "behaviour")))
     return [fault for fault in faults if fault.text not in known]
 
 
@@ -309,5 +308,8 @@ def _values(overrides: Iterable[str]) -> Mapping[str, float | str | bool | None]
 
 
 def _faults_of(kind: Kind, error: MirdrakeError) -> list[Fault]:
-    """Return one fault for each line of an error."""
-    return [Fault(kind, line) for line in dict.fromkeys(str(error).splitlines()) if line.strip()]
+    return [_fault_of(kind, fault) for fault in error.faults]
+
+
+def _fault_of(kind: Kind, error: MirdrakeError) -> Fault:
+    return Fault(kind, error.text, error.where)

@@ -12,7 +12,7 @@ import shapely.affinity
 from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, Place, WorldError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, OnTrackLaneSpec, Step, conditions
 from mirdrake.worlds.arrange import css_color
@@ -239,7 +239,7 @@ def _make_actors(
     # A scenario for a misspelt actor would be silently without effect.
     for name, steps_of in scenario.items():
         if name not in actors:
-            location = where(steps_of[0]) if steps_of else "scenario"
+            location = where(steps_of[0]) if steps_of else Place("scenario")
             raise ConfigError(f"there is no actor '{name}'; {did_you_mean(name, actors)}", where=location)
     # Sorted by name: the order in the file has no effect on the simulation.
     ordered = [actors[name] for name in sorted(actors)]

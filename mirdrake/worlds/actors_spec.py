@@ -23,6 +23,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from mirdrake.core.errors import Place
 from mirdrake.core.kinds import SelectedByKind
 from mirdrake.core.yaml_io import Acceleration, Duration, Length, Schema, Speed, to_si, where
 from mirdrake.worlds.schema_types import Label, Value, exactly_one
@@ -316,7 +317,7 @@ ActorList = Annotated[list[ActorSpec], BeforeValidator(lambda data: data, json_s
 
 def conditions(
     actors: Sequence[ActorSpec], scenario: Mapping[str, Sequence[Step]]
-) -> Iterator[tuple[str, str, Condition]]:
+) -> Iterator[tuple[Place, str, Condition]]:
     """Yield the place, the actor and the condition of every trigger of a world file that has one."""
     triggers: list[tuple[str, Trigger]] = [(actor.name, actor.starts) for actor in actors if actor.starts is not None]
     triggers += [(name, step) for name, steps in scenario.items() for step in steps]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import file_line, where
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.draw import Draw
@@ -190,20 +190,20 @@ class Arranger:
         self._gap, self._allowed, self._may_overlap = min_gap, allowed, may_overlap
         self._draws_left = MOST_DRAWS
 
-    def arrange(self, entries: Sequence[PropEntry], draw: Draw) -> tuple[list[PlacedProp], list[str]]:
-        """Return all props of a world in the order of the file, and one line for each entry with unplaced props.
+    def arrange(self, entries: Sequence[PropEntry], draw: Draw) -> tuple[list[PlacedProp], list[WorldError]]:
+        """Return all props of a world in the order of the file, and an error for each entry with unplaced props.
 
         Raises:
             ConfigError: an entry is invalid; all faults, one per line.
         """
         # All faults of the entries are collected, so that they are reported at once.
-        faults: list[str] = []
+        faults: list[MirdrakeError] = []
         drafts: list[_Draft] = []
         for index, (name, key, entry) in enumerate(_named(entries)):
             try:
                 drafts += self._drafts(entry, name, draw.below(key), GroupPose(), (index,), depth=0)
             except (ConfigError, WorldError) as error:
-                faults.append(str(error))
+                faults.append(error)
             if len(drafts) > LARGEST_COUNT:
                 raise ConfigError(f"more than {LARGEST_COUNT} props; reduce a count", where=where(entry))
 
@@ -218,7 +218,7 @@ class Arranger:
             try:
                 props = self._find_position(draft, placed_props) if draft.random else draft.make(0)
             except (ConfigError, WorldError) as error:
-                faults.append(str(error))
+                faults.append(error)
                 continue
             if props is None:
                 unplaced.setdefault(draft.where, []).append(draft.name)
@@ -226,12 +226,14 @@ class Arranger:
                 continue
             placed_props.add(props)
         if faults:
-            raise ConfigError("\n".join(dict.fromkeys(faults)))
+            raise ConfigError(faults=faults)
         tries = f"in {TRIES} tries" if self._draws_left > 0 else f"within {MOST_DRAWS} tries for the whole world"
         return sorted(placed_props.props, key=lambda prop: prop.order), [
-            f"{location}: no free position for '{names[0]}'"
-            f"{f' and {len(names) - 1} more' if names[1:] else ''} {tries}; "
-            "enlarge the region, or reduce the count or the gaps"
+            WorldError(
+                f"no free position for '{names[0]}'{f' and {len(names) - 1} more' if names[1:] else ''} {tries}; "
+                "enlarge the region, or reduce the count or the gaps",
+                where=location,
+            )
             for location, names in unplaced.items()
         ]
 

@@ -156,7 +156,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     name = spec.name or (path.stem if path else "world")
 
     # Tracks and the ground, which is as large as they need.
-    faults: list[str] = []
+    faults: list[MirdrakeError] = []
     network = None if spec.network is None else make_network(spec.network, folder)
     tracks = _collect(
         spec.tracks,
@@ -176,18 +176,18 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
             patch = _make_patch(patch_spec, index, NamedAreas(tracks, patches), draw)
             patches[patch.name] = patch
         except ConfigError as error:
-            faults.append(str(error))
+            faults.append(error)
     start_specs = spec.start or {"origin": _default_start(tracks, ground)}
     starts = _collect(start_specs, lambda _, start: _make_start(start, tracks, ground), faults)
     goals = _collect(spec.goals, lambda name, goal: _make_goal(name, goal, tracks), faults)
     _raise(faults)
     missing = [
-        f"{where(mesh, 'file')}: no such glTF or OBJ file: {mesh.file[:200]!r}"
+        ConfigError(f"no such glTF or OBJ file: {mesh.file[:200]!r}", where=where(mesh, "file"))
         for mesh in spec.scenery
         if not (folder / mesh.file).is_file() or Path(mesh.file).suffix.lower() not in MESH_SUFFIXES
     ]
     if missing:
-        raise ConfigError("\n".join(missing))
+        raise ConfigError(faults=missing)
 
     # Props, where the rules allow them.
     areas = NamedAreas(tracks, patches)
@@ -204,25 +204,27 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     return world
 
 
-def _collect(specs: Mapping[str, Any], make: Callable[[str, Any], _Made], faults: list[str]) -> dict[str, _Made]:
+def _collect(
+    specs: Mapping[str, Any], make: Callable[[str, Any], _Made], faults: list[MirdrakeError]
+) -> dict[str, _Made]:
     """Return the objects made of all specifications by name; append the faults of those that are invalid."""
     made: dict[str, _Made] = {}
     for name, spec in specs.items():
         try:
             made[name] = make(name, spec)
         except MirdrakeError as error:
-            faults.append(str(error))
+            faults.append(error)
     return made
 
 
-def _raise(faults: list[str]) -> None:
+def _raise(faults: list[MirdrakeError]) -> None:
     if faults:
-        raise WorldError("\n".join(faults))
+        raise WorldError(faults=faults)
 
 
 def _make_props(
     spec: WorldSpec, areas: NamedAreas, rules: Rules, draw: Draw, folder: Path, terrain: Terrain
-) -> tuple[list[PlacedProp], list[str]]:
+) -> tuple[list[PlacedProp], list[WorldError]]:
     included: dict[str, GroupSpec] = {}
     # Included files contribute groups only; later files override earlier ones.
     for index, name in enumerate(spec.include):

@@ -170,7 +170,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise WorldError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise WorldError(f"cannot be read: {error.strerror or error}", where=path.name) from None
 
 
 # --- the inner parts ---------------------------------------------------------------------------------------------

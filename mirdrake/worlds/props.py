@@ -23,7 +23,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import SpatialInertia
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import ConfigError, did_you_mean, place_prefix
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import is_hidden, resolved, search_folders
 from mirdrake.core.yaml_io import Angle, Length, Mass, Schema, load_yaml, where
 from mirdrake.worlds.outlines import outlines_of
@@ -263,14 +263,14 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
     folder = Path(name) if "/" in name else _find_prop(name)
     if folder is None:
         hint = did_you_mean(name, prop_names())
-        raise ConfigError(f"{place_prefix(where)}unknown prop '{name}'; {hint}; or use box, cylinder, sphere or file")
+        raise ConfigError(f"unknown prop '{name}'; {hint}; or use box, cylinder, sphere or file", where=where)
     home = resolved(folder)
     spec = _load_file(home / "prop.yaml")
     factors = (scale, scale, scale)
     if size is not None:
         if not spec.resizable:
             sides = " x ".join(f"{side:g}" for side in spec.size)
-            raise ConfigError(f"{place_prefix(where)}'{folder.name}' has the size {sides} m; use scale instead")
+            raise ConfigError(f"'{folder.name}' has the size {sides} m; use scale instead", where=where)
         x, y, z = (scale * want / have for want, have in zip(size, spec.size, strict=True))
         factors = (x, y, z)
     # The times of the files are part of the key, so that a changed prop is not served from the cache.
@@ -354,13 +354,13 @@ def _solid(spec: Any, folder: Path, factors: Size, location: str) -> Solid:
     uniform = math.isclose(factors[0], factors[1]) and math.isclose(factors[0], factors[2])
     if not uniform and (spec.roll or spec.pitch or spec.yaw):
         raise ConfigError(
-            f"{place_prefix(location)}a turned solid cannot be stretched; give the prop a scale, or leave it upright"
+            "a turned solid cannot be stretched; give the prop a scale, or leave it upright", where=location
         )
     kind = next(kind for kind in SOLID_KINDS if getattr(spec, kind.key) is not None)
-    return Solid(kind.read(getattr(spec, kind.key), folder, factors, place_prefix(location)), X_PS)
+    return Solid(kind.read(getattr(spec, kind.key), folder, factors, location), X_PS)
 
 
 def _check_sides(sides: tuple[float, ...], what: str, location: str) -> None:
     for side in sides:
         if not SMALLEST <= side <= LARGEST:
-            raise ConfigError(f"{place_prefix(location)}{what} with a side of {side:g} m; allowed are 1 mm to 10 km")
+            raise ConfigError(f"{what} with a side of {side:g} m; allowed are 1 mm to 10 km", where=location)

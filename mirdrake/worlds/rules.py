@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import file_line, where
 from mirdrake.worlds.draw import Draw
 from mirdrake.worlds.props import PlacedProp
@@ -135,10 +135,10 @@ class Rules:
             for first, second, _ in self._pairs
         )
 
-    def broken(self, props: Sequence[PlacedProp]) -> list[str]:
-        """Return one line for each prop that breaks a rule, and for each name that matches no prop."""
+    def broken(self, props: Sequence[PlacedProp]) -> list[WorldError]:
+        """Return an error for each prop that breaks a rule, and for each name that matches no prop."""
         faults = [
-            f"{prop.where}: '{prop.name}' {area.fault} ({area.file_line})"
+            WorldError(f"'{prop.name}' {area.fault} ({area.file_line})", where=prop.where)
             for area in self._areas
             for prop in props
             if not area.holds(prop)
@@ -149,7 +149,7 @@ class Rules:
         patterns += [(name, location) for *pair, location in self._pairs for name in pair]
         names = sorted({prop.name.partition("[")[0] for prop in props})
         faults += [
-            f"{location}: no prop is called '{pattern}'; {did_you_mean(pattern, names)}"
+            WorldError(f"no prop is called '{pattern}'; {did_you_mean(pattern, names)}", where=location)
             for pattern, location in patterns
             if props and not any(prop.is_called(pattern) for prop in props)
         ]

@@ -65,14 +65,14 @@ class SolidKind(ABC):
     def volume(self, shape: Any) -> float:
         """Return the volume [m³]; of a mesh that of its bounding box."""
 
-    def read(self, value: Any, folder: Path, factors: Size, prefix: str) -> Shape:
+    def read(self, value: Any, folder: Path, factors: Size, where: str) -> Shape:
         """Return the shape of a value in prop.yaml.
 
         Args:
             value: value of the file.
             folder: folder of the file.
             factors: factors by which it is stretched along the axes of the prop.
-            prefix: prefix of messages.
+            where: place of the entry, for messages.
 
         Raises:
             ConfigError: the value is invalid.
@@ -197,17 +197,17 @@ class ConvexKind(SolidKind):
         """Raise an error, as meshes are read from files, see :meth:`read`."""
         raise NotImplementedError
 
-    def read(self, value: Any, folder: Path, factors: Size, prefix: str) -> Shape:
+    def read(self, value: Any, folder: Path, factors: Size, where: str) -> Shape:
         """Return the convex hull of a mesh beside prop.yaml."""
         path = folder / str(value)
         if not path.is_file():
-            raise ConfigError(f"{prefix}no such file: {value}")
+            raise ConfigError(f"no such file: {value}", where=where)
         shape = Convex(str(path), np.asarray(factors, dtype=float))
         try:
             self.corners(shape)
         except (RuntimeError, ValueError):  # texts of Qhull or of Drake's mesh readers do not name the cause
             raise ConfigError(
-                f"{prefix}{path.name} is not a mesh with a volume; it needs four corners that are not in one plane"
+                f"{path.name} is not a mesh with a volume; it needs four corners that are not in one plane", where=where
             ) from None
         return shape
 

@@ -215,8 +215,10 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
             ahead = [math.atan2(*(b - a)[::-1]) for a, b in (table.points[:2], table.points[-2:])]
             turn = abs(math.degrees(math.remainder(ahead[0] - ahead[1], 2.0 * math.pi)))
             raise ConfigError(
-                f"{display_path(path)}:{table.lines[-1]}: does not close: gap {gap:.3g} m, {turn:.3g} deg from the "
-                "last point to the first; add the missing points, or remove closed: true"
+                f"does not close: gap {gap:.3g} m, {turn:.3g} deg from the "
+                "last point to the first; add the missing points, or remove closed: true",
+                file=display_path(path),
+                line=table.lines[-1],
             )
         _check_extent(table.points)
 
@@ -234,7 +236,7 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
 
         return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
-        raise ConfigError(str(error), where=location) from None
+        raise error.under(location) from None
     except WorldError as error:
         raise WorldError(f"{display_path(path)}: {error}", where=location) from None
 
@@ -244,7 +246,7 @@ def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
     try:
         road = read_opendrive(path, road=None if xodr.road is None else str(xodr.road), lane=str(xodr.lane))
     except ConfigError as error:
-        raise ConfigError(str(error), where=where(spec, "xodr")) from None
+        raise error.under(where(spec, "xodr")) from None
     closed = road.closed if spec.closed is None else spec.closed
     edges = road.edges if not closed or road.closed else None  # a gap is reported before widths are compared
     return _CentreLine(road.pieces, road.start, closed, edges, notes=tuple(road.left_out))

@@ -24,7 +24,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError, did_you_mean, place_prefix
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import to_si
 
 Number = float | int
@@ -81,9 +81,9 @@ def draw_number(value: Number | str, *, unit: str, parameters: Parameters, strea
     """
     result = value if isinstance(value, int | float) else _Parser(value, unit, parameters, stream, where).value()
     if isinstance(result, str):
-        raise ConfigError(f"{place_prefix(where)}'{result}' is not a number{f' in {unit}' if unit else ''}")
+        raise ConfigError(f"'{result}' is not a number{f' in {unit}' if unit else ''}", where=where)
     if not math.isfinite(result):
-        raise ConfigError(f"{place_prefix(where)}'{value}' is not finite")
+        raise ConfigError(f"'{value}' is not finite", where=where)
     return float(result)
 
 
@@ -113,7 +113,7 @@ def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str 
         parameter = _parameter(word[1:], parameters, where)
         word = parameter if isinstance(parameter, str) else f"{parameter:g}"
     if not word:
-        raise ConfigError(f"{place_prefix(where)}'{value}' has an empty choice")
+        raise ConfigError(f"'{value}' has an empty choice", where=where)
     return word
 
 
@@ -289,13 +289,14 @@ class _Parser:
 
     def _fail(self, what: str) -> NoReturn:
         raise ConfigError(
-            f"{place_prefix(self._where)}'{self._text[:60]}': {what}; a value is a number with unit, a .. b, "
-            "mean +- deviation, a | b, or arithmetic on $parameters"
+            f"'{self._text[:60]}': {what}; a value is a number with unit, a .. b, "
+            "mean +- deviation, a | b, or arithmetic on $parameters",
+            where=self._where,
         )
 
 
 def _parameter(name: str, parameters: Parameters, where: str) -> Number | str:
     if name not in parameters:
         known = did_you_mean(name, parameters) if parameters else "the world has no parameters; add them under params"
-        raise ConfigError(f"{place_prefix(where)}unknown parameter ${name}; {known}")
+        raise ConfigError(f"unknown parameter ${name}; {known}", where=where)
     return parameters[name]

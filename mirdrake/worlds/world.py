@@ -159,8 +159,8 @@ class World:
     goals: dict[str, Goal] = field(default_factory=dict)
     props: tuple[PlacedProp, ...] = ()
     """in the order of the file"""
-    unplaced_props: tuple[str, ...] = ()
-    """one line for each entry with props that found no free position"""
+    unplaced_props: tuple[WorldError, ...] = ()
+    """an error for each entry with props that found no free position"""
     rules: "Rules | None" = field(default=None, compare=False)
     network: Network | None = field(default=None, compare=False)
     """lanes, stop lines and signals; None without"""

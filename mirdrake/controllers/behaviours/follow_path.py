@@ -108,4 +108,4 @@ class FollowPathSpec(Driver):
             limits = DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration)
             return PathTracker(track, vehicle.geometry, gains=PathGains(self.speed), period=self.period, limits=limits)
         except ConfigError as error:
-            raise ConfigError(str(error), where=self.place("points" if self.points else "track", where)) from None
+            raise error.under(self.place("points" if self.points else "track", where)) from None

@@ -175,4 +175,4 @@ class HoldLaneSpec(Driver):
         try:
             return HoldLane(vehicle, track_to_follow(world, self.track), self)
         except ConfigError as error:
-            raise ConfigError(str(error), where=self.place("track", where)) from None
+            raise error.under(self.place("track", where)) from None

@@ -131,7 +131,7 @@ class Samples(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         """Return a column: an array (n, ...), or a list of arrays if the samples differ in size."""
         if name not in self._schema.names or name == "time":
-            raise ConfigError(f"{self.path.stem}: no array '{name}'; {did_you_mean(name, self)}")
+            raise ConfigError(f"no array '{name}'; {did_you_mean(name, self)}", where=self.path.stem)
         with read_errors(self.path):
             parts = [self._values(table, name) for table in read_groups(self.path, [name])]
         if all(isinstance(part, np.ndarray) for part in parts):

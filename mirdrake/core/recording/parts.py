@@ -111,7 +111,7 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa
                     group = file.read_row_group(index, columns=columns, use_threads=False)
                     missing = sorted(set(columns or ()) - set(group.column_names))
                     if missing:
-                        raise ConfigError(f"{part}: has no column '{missing[0]}'")
+                        raise ConfigError(f"has no column '{missing[0]}'", file=str(part))
                 yield group
 
 

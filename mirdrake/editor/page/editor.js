@@ -98,7 +98,7 @@ function show_status() {
 }
 
 function show_faults(marks = dragged || state.marks || []) {
-  const rows = (state.faults || []).map((text) => ({ text, kind: "file" }));
+  const rows = state.faults || [];
   const quick = marks.map((mark) => ({
     text: `${mark.names[0]} and ${mark.names[1]} overlap by ${(100 * mark.depth).toFixed(1)} cm`, names: mark.names, kind: "overlap",
   }));
@@ -109,8 +109,8 @@ function show_faults(marks = dragged || state.marks || []) {
   map.show_faults(new Set(check?.fresh ? rest.flatMap((fault) => fault.names) : []));
   const list = all.map((fault) => {
     const item = document.createElement("li");
-    item.textContent = fault.text.replace(/^\S*:(\d+): /, "line $1: ");
-    item.title = fault.text;
+    item.textContent = fault.text;
+    item.title = fault.title || fault.text;
     if (fault.kind === "gap" || fault.kind === "unchecked") item.className = "amber";
     item.addEventListener("click", () => show_fault(fault));
     return item;
@@ -128,8 +128,7 @@ function show_fault(fault) {
   const keys = new Set();
   for (const [key, parts] of map.nodes) if (parts.some(({ prop }) => fault.names?.includes(prop.name))) keys.add(key);
   if (keys.size) choose(keys);
-  const line = /:(\d+):/.exec(fault.text);
-  if (line) go_to_line(Number(line[1]), Number(line[1]));
+  if (fault.line) go_to_line(fault.line, fault.line);
 }
 
 // --- selection ---

@@ -86,7 +86,7 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
         select_submesh(read, shape.mesh, shape.submesh)
     except SubmeshError as error:
         part = f"mesh {shape.address or shape.mesh}"
-        change = Change(Code.SUBMESH, shape.where, part, f"submesh '{shape.submesh}'", WHOLE, error.reason)
+        change = Change(Code.SUBMESH, shape.where, part, f"submesh '{shape.submesh}'", WHOLE, error.text)
         return replace(shape, submesh=""), [change]
     return shape, []
 

@@ -40,16 +40,15 @@ class MeshError(ModelError):
 
     Attributes:
         file: the mesh.
-        reason: without the file's name.
     """
 
     def __init__(self, file: Path | str, reason: str) -> None:
-        super().__init__(f"mesh {file}: {reason}")
-        self.file, self.reason = file, reason
+        super().__init__(reason, where=f"mesh {file}")
+        self.file = str(file)
 
     def left_out(self, where: str, part: str) -> Change:
         """Return the change to report if the shape is left out."""
-        return Change(Code.MESH, where, part, str(self.file), None, self.reason)
+        return Change(Code.MESH, where, part, self.file, None, self.text)
 
 
 class SubmeshError(MeshError):

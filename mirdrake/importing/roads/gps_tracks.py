@@ -81,8 +81,10 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     if (far := float(chords.max())) > JUMP[0]:
         line = lines[indices[int(chords.argmax()) + 1]]
         raise ConfigError(
-            f"{display_path(source)}:{line}: {far:.4g} m from the position before; a track needs at most "
-            f"{JUMP[0]:g} m; record the way, or export the route with its shape"
+            f"{far:.4g} m from the position before; a track needs at most "
+            f"{JUMP[0]:g} m; record the way, or export the route with its shape",
+            file=display_path(source),
+            line=line,
         )
     if len(indices) < len(degrees):
         why = f"points closer than {_spacing(east, north):.3g} m carry noise only"
@@ -172,7 +174,7 @@ def _checked(rows: Array, lines: list[int], source: Path) -> tuple[Array, list[i
         # The comparison is false for NaN, too.
         if not (abs(row[0]) <= 90.0 and abs(row[1]) <= 360.0):
             raise ConfigError(
-                f"{display_path(source)}:{line}: {row[0]:g}, {row[1]:g} deg is not a latitude and a longitude"
+                f"{row[0]:g}, {row[1]:g} deg is not a latitude and a longitude", file=display_path(source), line=line
             )
     return rows, lines
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.core.errors import ModelError
+from mirdrake.core.errors import ModelError, Place
 from mirdrake.importing.changes import Change, Code
 from mirdrake.importing.packages import Packages
 from mirdrake.importing.shape import Shape
@@ -70,12 +70,12 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
     """
     # Xacro stops at the first missing argument of a file. Stand-in values let it go on, so that all are asked for at
     # once.
-    missing: dict[str, tuple[str, int]] = {}
+    missing: dict[str, Place] = {}
     while True:
         try:
             urdf = render_xacro(path, arguments={**dict.fromkeys(missing, "0"), **arguments}, find=packages.find)
         except MissingArgumentsError as error:
-            places = {name: place for name, place in error.places.items() if name not in missing}
+            places = {name: place for name, place in error.arguments.items() if name not in missing}
             # Nothing new was found, so that the next round would end here as well.
             if not places:
                 raise MissingArgumentsError(missing) from None

@@ -62,9 +62,10 @@ class GroundTyres(TyreSystem):
         bounce = fastest_bounce(plant, part, load_mobility(plant, part))
         if bounce * part.period > 2.0:
             raise ConfigError(
-                f"{part.name}: the vehicle oscillates on its tyres with {bounce:.0f} rad/s, too fast for tyre contact "
+                f"the vehicle oscillates on its tyres with {bounce:.0f} rad/s, too fast for tyre contact "
                 f"and steps of {part.period:g} s; choose a time_step of {1.9 / bounce:.2g} s or less, or contact: "
-                "point on the plane"
+                "point on the plane",
+                where=part.name,
             )
         wheels, static_loads = records(GroundWheel, ground_wheels), [one.wheel.static_load for one in ground_wheels]
         # A repeated step keeps the sampled contacts.

@@ -61,4 +61,4 @@ def make_network(spec: NetworkSpec, folder: Path) -> Network:
     try:
         return READERS[key](path)
     except ConfigError as error:
-        raise ConfigError(str(error), where=location) from None
+        raise error.under(location) from None

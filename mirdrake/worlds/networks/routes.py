@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirdrake.core.errors import ConfigError, WorldError, place_prefix
+from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.networks.network import DRIVEN, Network
 from mirdrake.worlds.pieces import Array
@@ -73,16 +73,17 @@ def find_place(network: Network, place: str | Sequence[float], *, where: str = "
     Raises:
         ConfigError: the lane does not exist, or the station is not on it.
     """
-    prefix = place_prefix(where)
     if not isinstance(place, str):
         lane, s, _ = network.locate(float(place[0]), float(place[1]))
         return lane.id, s
     match = _PLACE.match(place)
     if match is None:
-        raise ConfigError(f"{prefix}{place!r} is not a place; write lane@station, for example '3.0.-1@40', or [x, y]")
+        raise ConfigError(
+            f"{place!r} is not a place; write lane@station, for example '3.0.-1@40', or [x, y]", where=where
+        )
     lane, s = network.lane(match[1], where=where), float(match[2] or 0.0)
     if not 0.0 <= s <= lane.length:
-        raise ConfigError(f"{prefix}s = {s:.10g} m; lane '{lane.id}' is {lane.length:.10g} m long")
+        raise ConfigError(f"s = {s:.10g} m; lane '{lane.id}' is {lane.length:.10g} m long", where=where)
     return lane.id, s
 
 
