@@ -240,7 +240,7 @@ def test_conditions_change_the_context_only() -> None:
     first = evaluate(BOLT).figures["iae"]
     for other in (Conditions(mass=1.2), Conditions(delay=0.1), Conditions(grade=0.05), Conditions(friction=0.4)):
         assert evaluate(BOLT, other).status == "ok"
-    assert evaluate(BOLT, Conditions(grade=0.05)).figures["iae"] > 2.0 * first
+    assert evaluate(BOLT, Conditions(grade=0.05)).figures["iae"] > 1.5 * first
     assert evaluate(BOLT).figures["iae"] == first
     assert evaluate({**BOLT, "kp": math.nan}).status == "unstable"
     assert evaluate({"kq": 1.0}).status == "failed"

@@ -33,6 +33,7 @@ from mirdrake.tuning.models import Integrator
 from mirdrake.tuning.robustness import CandidateRobustness, FailureRate, Robustness, draw_conditions
 from mirdrake.tuning.scenarios import InScenarios, corners, hardest
 from mirdrake.tuning.selection import (
+    POOL,
     Knowledge,
     RejectedTrial,
     beats_rule,
@@ -241,6 +242,23 @@ def test_where_no_rule_is_robust_the_fastest_robust_slower_one_is_compared_with(
     best, known = choose_best(stages, choice.known, [BASE, FAST, SLOWER, choice.rule], [searched(0.65)])
     assert best is not None
     assert beats_rule(stages, known, best, choice.rule)[0]
+
+
+@pytest.mark.parametrize("on_slip_model", [False, True])
+def test_rules_that_have_failed_do_not_keep_trials_of_the_search_from_their_turn(*, on_slip_model: bool) -> None:
+    """Twenty rules cost less than the trial and fail, in the Monte Carlo or on the slip model."""
+    stages: Any = _Stages(bound=3.0)
+    if on_slip_model:
+        stages.test_slip = lambda design: Evaluation("unstable" if design.gains["kp"] > 3.0 else "ok", reason="slips")
+    rules = [made(f"rule {number}", 3.5 + number) for number in range(20)]
+    choice = choose_rule(stages, [BASE, *rules], ())
+    assert len(choice.known.verified) == (20 if on_slip_model else POOL)
+    # The Monte Carlo of the rules took its share of the checks; what it has left is for the trials.
+    tried = rules if on_slip_model else rules[20 - POOL :]
+    best, known = choose_best(stages, choice.known, [BASE, *tried], [searched(2.5)])
+    assert best is not None
+    assert best.design.gains == {"kp": 2.5}
+    assert known.verified[best.name].is_robust
 
 
 def test_where_every_candidate_fails_the_nearest_is_chosen_and_does_not_beat_the_rule() -> None:

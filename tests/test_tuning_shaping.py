@@ -117,6 +117,21 @@ def test_figures_of_a_first_order_response() -> None:
     assert response.rms_jerk == pytest.approx(math.sqrt(0.5 / 20.0), rel=2e-3)
 
 
+@pytest.mark.parametrize(("shift", "part"), [(0.0, 0.5), (1.0, 0.5), (-1.0, 1.5)])
+def test_the_error_on_a_ramp_is_that_against_the_set_point_that_a_controller_holds(shift: float, part: float) -> None:
+    """A set-point that moves by slope × period at each sample leads the ramp by half a period on average.
+
+    A loop on the ramp and one that follows the set-point of the sample are half a period away from it: neither has an
+    advantage.
+    """
+    period, slope = 0.1, 3.0
+    time = np.arange(101) * period
+    before = slope * time  # a record has the values before the update: that of the last sample, one period ahead
+    figures = response_figures(time, before, slope * (time + shift * period), time)
+    assert figures.iae == pytest.approx(part * slope * period * 10.0)
+    assert figures.ise == pytest.approx((1.0 + (part > 1.0) * 4.0) * 0.5 * (slope * period) ** 2 * 10.0)
+
+
 def test_figures_of_a_second_order_response() -> None:
     # Damping 0.5: overshoot exp(-π/√3) = 16.3 %; here downwards from 3 to 1.
     time = np.linspace(0.0, 40.0, 40_001)

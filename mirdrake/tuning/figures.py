@@ -63,12 +63,17 @@ def response_figures(
 ) -> Figures:
     """Return the figures of a response to a step of the set-point, or of a load.
 
-    Integrals use the trapezoidal rule. The step is from the first measurement to the last set-point; without one (a
-    step of the load) overshoot, rise and settling time are nan.
+    The set-point is that of a sampled controller, which holds it between its updates, and the record has the values
+    just before them, as a Drake log: the last value is the set-point since the sample before. With that, integrals use
+    the trapezoidal rule. An error at the samples alone would be that against the set-point of a period ago, so that a
+    loop which lags a ramp by a period would have none.
+
+    The step is from the first measurement to the last set-point; without one (a step of the load) overshoot, rise and
+    settling time are nan.
 
     Args:
         time: [s], increasing, shape (n,), n >= 3.
-        reference: set-point [y], shape (n,) or one number.
+        reference: set-point [y], shape (n,) or one number; sample k is that between the times k - 1 and k.
         measurement: [y], shape (n,).
         control: [u], shape (n,).
         limits: limits of the control, for the saturation time.
@@ -89,6 +94,7 @@ def response_figures(
         return Figures(False, *[math.inf] * 3, *[math.nan] * 10)
     # Errors count from the first sample; `past` makes ITAE and times relative to the step.
     error = r - y
+    sizes = held_errors(r, y)
     past = t - t[0]
     step = float(r[-1] - y[0])
     overshoot = rise = settling = math.nan
@@ -113,9 +119,9 @@ def response_figures(
     jerk = np.diff(speed) / (0.5 * (widths[1:] + widths[:-1]))
     return Figures(
         finite=True,
-        iae=_integral(np.abs(error), t),
-        itae=_integral(past * np.abs(error), t),
-        ise=_integral(error**2, t),
+        iae=float(np.sum(0.5 * sum(sizes) * widths)),
+        itae=float(np.sum(0.5 * (sizes[0] * past[:-1] + sizes[1] * past[1:]) * widths)),
+        ise=float(np.sum(0.5 * (sizes[0] ** 2 + sizes[1] ** 2) * widths)),
         overshoot=overshoot,
         rise_time=rise,
         settling_time=settling,
@@ -128,6 +134,17 @@ def response_figures(
         rms_jerk=math.sqrt(float(np.mean(jerk**2))),
         peak_jerk=float(np.abs(jerk).max()),
     )
+
+
+def held_errors(reference: Floats, measurement: Floats) -> tuple[Floats, Floats]:
+    """Return the absolute error at the begin and at the end of each interval between samples [y], shapes (n - 1,).
+
+    Args:
+        reference: set-point [y], shape (n,); sample k is that between the times k - 1 and k.
+        measurement: [y], shape (n,).
+    """
+    held = reference[1:]
+    return np.abs(held - measurement[:-1]), np.abs(held - measurement[1:])
 
 
 def _integral(values: Floats, time: Floats) -> float:

@@ -28,7 +28,7 @@ from mirdrake.vehicles.joint_control import GainTable
 
 
 def tune_over_speed(
-    stages: Stages, space: Space, winner: Candidate, hard: Sequence[Conditions]
+    stages: Stages, space: Space, winner: Candidate, rule: Candidate | None, hard: Sequence[Conditions]
 ) -> tuple[Schedule | None, tuple[Criterion, ...]]:
     """Find gains at each speed of the study's schedule and test them; None if the study has no schedule.
 
@@ -36,6 +36,7 @@ def tune_over_speed(
         stages: of the study.
         space: ranges of the gains.
         winner: the best candidate at the study's own speed, with which the searches begin.
+        rule: the best rule there; the searches begin with it, too, as the winner may not be robust.
         hard: conditions under which gains must be stable, besides the hardest draws of the Monte Carlo.
     """
     if stages.spec.schedule is None:
@@ -44,9 +45,11 @@ def tune_over_speed(
     rows: list[ScheduleRow] = []
     for speed in speeds:
         loop = identified_at(stages, speed)
-        # Neighbouring speeds have similar gains: start from those of the speed before, and from the winner.
-        previous = [row.gains for row in rows[-1:]]
-        gains = _gains_at(stages, loop, space, f"speed-{speed:g}", [*previous, winner.design.gains], hard)
+        # Neighbouring speeds have similar gains: start from those of the speed before, from the rule and the winner.
+        known = [row.gains for row in rows[-1:]] + [one.design.gains for one in (rule, winner) if one is not None]
+        # Manoeuvres, slopes and tests in single conditions are those of this speed.
+        at_speed = replace(stages, loop=loop, scenarios={}, unstable_now={})
+        gains = _gains_at(at_speed, space, f"speed-{speed:g}", known, hard)
         # A table with a gap cannot be applied.
         if gains is None:
             return Schedule((), failed_speed=speed), (Criterion("schedule", None, 0.0, met=False),)
@@ -72,7 +75,6 @@ def identified_at(stages: Stages, speed: float | None = None) -> LoopSpec:
 
 def _gains_at(
     stages: Stages,
-    loop: LoopSpec,
     space: Space,
     stage: str,
     known: Sequence[dict[str, float]],
@@ -80,8 +82,8 @@ def _gains_at(
 ) -> dict[str, float] | None:
     """Return the cheapest gains that meet the constraints on the plant and are stable in all scenarios, if any."""
     # Starts outside of the ranges would be rejected by the search.
-    starts = [gains for gains in known if all(gains[name] in entry for name, entry in space.items())]
-    coarse = stages.search(space, "reduced", starts, stage, loop=loop)
+    starts = inside(space, known)
+    coarse = stages.search(space, "reduced", starts, stage)
     # Around the best trials of the model, extended to the starting gains.
     near = {
         name: Range(
@@ -93,14 +95,14 @@ def _gains_at(
     }
     best = inside(near, (trial.gains for trial in coarse.leaders))
     starts = [*starts, *(gains for gains in best if gains not in starts)]
-    fine = stages.search(near, "plant", starts, f"{stage}-confirmation", loop=loop, scenarios=hard)
+    fine = stages.search(near, "plant", starts, f"{stage}-confirmation", scenarios=hard)
 
     # Cheapest first, rounded as they would be written; rounding and scenarios may reject a trial.
     feasible = [trial for trial in fine.trials if trial.feasible]
     for trial in sorted(feasible, key=lambda trial: (trial.cost, trial.number)):
         gains = rounded(trial.gains)
-        candidate = stages.candidate(Design(stage, "scheduled", gains), LoopEvaluator(loop)(gains))
-        if candidate.trial.feasible and stages.first_failure(gains, [*hard, *stages.hardest], loop) is None:
+        candidate = stages.candidate(Design(stage, "scheduled", gains), LoopEvaluator(stages.loop)(gains))
+        if candidate.trial.feasible and stages.first_failure(gains, [*hard, *stages.hardest]) is None:
             return gains
     return None
 

@@ -22,7 +22,7 @@ FAR = 1.0
 """Sum of the excesses over limits, relative to them, above which other limits are no remedy for a candidate [1]."""
 
 POOL = 8
-"""Candidates, and rules, that are checked at most before the one with the latest failure is chosen."""
+"""Checks on the plant that may fail at most before the candidate with the latest failure is chosen."""
 
 HARD = 6
 """Failed draws of other candidates that a search has to pass at most."""
@@ -60,6 +60,11 @@ class Verification:
     def passed_runs(self) -> int:
         """Number of stable runs until it was rejected; 0 if the Monte Carlo was not made."""
         return (self.failed_runs[0].made_runs or 0) - len(self.failed_runs) if self.failed_runs else 0
+
+    @property
+    def used_plant(self) -> bool:
+        """Whether a check was made on the plant, which takes a hundred times as long as one on the slip model."""
+        return self.finer is not None or bool(self.margins or self.failed_runs)
 
     @property
     def is_robust(self) -> bool:
@@ -256,12 +261,16 @@ def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Des
     rules = [candidate for candidate in tried if candidate.name in costs]
     rules.sort(key=lambda rule: (rule.trial.violation, costs[rule.name]))
     rejected: list[Candidate] = []
-    # A Monte Carlo takes long, so only the cheapest rules get one.
-    for rule in [rule for rule in rules if rule.trial.feasible][:POOL]:
+    checked = 0
+    for rule in [rule for rule in rules if rule.trial.feasible]:
         check, known = verify(stages, known, rule)
         if check.is_robust:
             return RuleChoice(rule, tuple(rejected), (), known)
         rejected.append(rule)
+        # A Monte Carlo takes long, so only the cheapest rules get one.
+        checked += check.used_plant
+        if checked == POOL:
+            break
     # Slower designs, the fastest first: the first robust one has the best performance among them.
     for design in slower:
         # Known before the test on the plant.
@@ -303,6 +312,7 @@ def choose_best(
     ]
     pool += [(trial.cost, trial) for trials in searches for trial in trials.trials if trial.feasible]
     failed: list[tuple[int, Candidate]] = []
+    checked = 0
     for _, entry in sorted(pool, key=lambda pair: pair[0]):
         # A trial becomes a candidate only when it is its turn: that takes tests of its own.
         if isinstance(entry, Candidate):
@@ -311,12 +321,14 @@ def choose_best(
             candidate, known = _candidate_of(stages, known, entry)
         if candidate is None:
             continue
+        is_new = candidate.name not in known.verified
         check, known = verify(stages, known, candidate)
         if check.is_robust:
             return candidate, known
-        # Each failed candidate has cost tests on the plant; stop after a few.
         failed.append((check.passed_runs, candidate))
-        if len(failed) == POOL:
+        # Only new checks on the plant take time. Rules that failed before must not keep the trials from their turn.
+        checked += is_new and check.used_plant
+        if checked == POOL:
             break
     return max(failed, key=lambda pair: pair[0], default=(0, None))[1], known
 

@@ -28,6 +28,7 @@ from mirdrake.tuning.loops.manoeuvres import (
     largest_ratio,
     make_manoeuvres,
     manoeuvre_costs,
+    plant_costs,
 )
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.loops.slip import direct, fault_on_own_slopes, run_slip
@@ -296,21 +297,25 @@ class Stages:
 
     @cached_property
     def manoeuvres(self) -> tuple[Manoeuvre, ...]:
-        """Manoeuvres in which gains are compared with the present ones on the reduced model, whatever the baseline.
+        """Manoeuvres in which gains are compared with the present control.
 
-        None without a model, without slopes of the set-point, or if the present controller is not a PID controller.
+        None without a model, or without slopes of the set-point. Present gains are compared with whatever the baseline;
+        a servo only if it is the baseline, as its loop has no dead time, which gains may not be able to compete with.
         """
         loop, own = self.loop, self.own_slopes
-        if own is None or loop.model is None or not loop.has_pid_gains or not any(loop.present.values()):
+        if own is None or loop.model is None or not loop.has_pid_gains:
             return ()
-        shortest = direct(loop).delay or 0.0
-        longest = LOOP_KINDS[loop.kind].delays(self.spec)[1]
-        return make_manoeuvres(loop, own, sorted({shortest, loop.delay, max(longest, loop.delay)}))
+        if not any(loop.present.values()) and self.spec.baseline != "present":
+            return ()
+        delays = sorted({direct(loop).delay or 0.0, loop.delay})
+        return make_manoeuvres(loop, own, delays, LOOP_KINDS[loop.kind].at_slopes)
 
     @cached_property
     def present_costs(self) -> tuple[float, ...]:
-        """Costs of the present gains in the manoeuvres."""
-        return manoeuvre_costs(self.manoeuvres, self.loop.present)
+        """Costs of the present control in the manoeuvres; a servo has no reduced model, so that it is driven."""
+        if any(self.loop.present.values()):
+            return manoeuvre_costs(self.manoeuvres, self.loop.present)
+        return plant_costs(self.manoeuvres, lambda loop: LoopEvaluator(loop, keep=True)({}))
 
     def over_present(self, design: Design) -> float:
         """Return the largest ratio of the IAE of a design to that of the present gains in a manoeuvre [1]."""
@@ -396,14 +401,12 @@ class Stages:
         )
         return checks, broken
 
-    def first_failure(
-        self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None
-    ) -> Rejection | None:
+    def first_failure(self, gains: Mapping[str, float], scenarios: Sequence[Conditions]) -> Rejection | None:
         """Return the first of some scenarios in which gains are not stable; None if they are in all."""
         calls = [(gains, scenario) for scenario in scenarios]
-        made = self.scenarios.setdefault(self._test_key(gains), {}) if loop is None else {}
+        made = self.scenarios.setdefault(self._test_key(gains), {})
         # Stops at the first failure; closing cancels the tests that follow.
-        with closing(self.evaluate(LoopEvaluator(loop or self.loop), calls, "scenarios")) as results:
+        with closing(self.evaluate(LoopEvaluator(self.loop), calls, "scenarios")) as results:
             for scenario, result in zip(scenarios, results, strict=True):
                 made[scenario] = result
                 if result.status != "ok" and not self.is_unstable_now(scenario):

@@ -258,7 +258,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     rivals += [choice.rule] if choice.rule is not None and choice.rule.name != winner.name else []
     runs = stages.monte_carlo(chosen, pairs=[(winner.name, rival.name) for rival in rivals])
     gain_map = stages.map(outcome.space, winner)
-    schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
+    schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, choice.rule, outcome.known.hard)
     known = outcome.known
     if winner.name not in known.verified:  # it is not feasible
         # Infeasible winners have not been verified; the report needs the effect of the finer step.

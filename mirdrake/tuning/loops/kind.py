@@ -78,6 +78,13 @@ class LoopKind(ABC):
         """Return a loop whose test has the vehicle's own slopes of the set-point; None: the set-point has none."""
         return None
 
+    def at_slopes(self, loop: LoopSpec, rise: float, fall: float) -> LoopSpec:  # noqa: ARG002
+        """Return a loop whose test is from a low speed up and back with slopes of the set-point [m/s²].
+
+        A kind whose set-point has no slopes returns the loop.
+        """
+        return loop
+
     def followed_slopes(self, loop: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:  # noqa: ARG002
         """Return the largest slopes that gains follow on the slip model, of those that they do not follow."""
         return {}

@@ -5,18 +5,22 @@ of the measured speed is an example. It reduces the overshoot after a ramp of a 
 the torque kd a / r on each slope a of the set-point, and the feed-forward of the slope does not contain this torque. In
 a loop without dead time, as in a diagram, only the loss remains.
 
-Therefore the largest ratio of the IAE counts (minimax). The manoeuvres are a launch from standstill against the
-resistances and a stop, each with several slopes of the set-point, and the step and the load of the study's test; all
-of them without dead time, with the nominal one and with the longest one.
+Therefore the largest ratio of the IAE counts (minimax). The manoeuvres are a launch against the resistances and a
+stop, each with several slopes of the set-point, and the step and the load of the study's test. Launch and stop are from
+a low speed and back to it: on the linear model that is the same as from standstill, where the resistances of the plant
+reverse. All manoeuvres are compared with the nominal dead time and without one. Longer ones of the Monte Carlo do not
+count: there, slow gains are always better, and stability is what matters.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirdrake.tuning.loops.base import Conditions, Course, LoopSpec
+from mirdrake.tuning.figures import held_errors
+from mirdrake.tuning.loops.base import Conditions, Course, Evaluation, LoopSpec
 from mirdrake.tuning.loops.reduced import model_of, pid_of, reduced_test, simulate_reduced
+from mirdrake.tuning.models import Floats
 
 OVER_PRESENT = "over_present"
 """Figure: the largest ratio of the IAE of gains to that of the present ones in a manoeuvre [1]."""
@@ -27,8 +31,8 @@ MOST_OVER_PRESENT = 1.02
 NEGLIGIBLE = 0.01
 """Cost that has no effect, over the largest one of the present gains [1]."""
 
-HOLD = 5.0
-"""Time for which the set-point is constant after a slope [s]."""
+HOLD = 3.0
+"""Time that is added after a slope, in which the error decays [s]."""
 
 
 @dataclass(frozen=True)
@@ -48,57 +52,83 @@ class Manoeuvre:
     change: float
 
 
-def make_manoeuvres(spec: LoopSpec, own: LoopSpec, delays: Sequence[float]) -> tuple[Manoeuvre, ...]:
+def make_manoeuvres(
+    spec: LoopSpec, own: LoopSpec, delays: Sequence[float], at_slopes: Callable[[LoopSpec, float, float], LoopSpec]
+) -> tuple[Manoeuvre, ...]:
     """Return launch, stop, step and load with each dead time.
 
     Args:
         spec: the loop of the study.
         own: the same with the vehicle's own slopes of the set-point, which are the steepest ones.
         delays: of the actuator [s]; that of a diagram is negative, see :func:`mirdrake.tuning.loops.slip.direct`.
+        at_slopes: see :meth:`mirdrake.tuning.loops.kind.LoopKind.at_slopes`.
     """
-    model, _ = model_of(spec)
-    steepest, _ = model_of(own)
     course = spec.course
-    made = []
+    parts = [Manoeuvre(spec, Conditions(), course.step_time, course.load_time if course.load else course.duration)]
+    gentle, steep = slopes_of(spec), slopes_of(own)
+    # Slopes of the study, of the vehicle, and their geometric mean.
+    for share in (0.0, 0.5, 1.0):
+        rise, fall = (low ** (1.0 - share) * high**share for low, high in zip(gentle, steep, strict=True))
+        driven = at_slopes(spec, rise, fall)
+        change = (driven.course.return_time or 0.0) - driven.course.step_time + HOLD
+        duration = change + driven.course.duration - (driven.course.return_time or 0.0) + HOLD
+        slopes = replace(driven.course, step_time=0.0, return_time=change, duration=duration)
+        parts.append(Manoeuvre(replace(driven, course=slopes), Conditions(), 0.0, change))
     # The reduced model does not slip, and its copies are smaller without the tyres.
-    plain = replace(model, slip=None)
-    for delay in delays:
-        conditions = Conditions(delay=delay)
-        change = course.load_time if course.load else course.duration
-        made.append(Manoeuvre(replace(spec, model=plain), conditions, course.step_time, change))
-        # Slopes of the study, of the vehicle, and their geometric mean.
-        for part in (0.0, 0.5, 1.0):
-            rise = float(model.rise ** (1.0 - part) * steepest.rise**part)
-            fall = float(model.fall ** (1.0 - part) * steepest.fall**part)
-            top = model.start + max(course.step, 0.0)
-            stop = top / rise + HOLD
-            slopes = Course(
-                speed=0.0, step=top, step_time=0.0, load=0.0, load_time=0.0, duration=stop + top / fall + HOLD,
-                return_time=stop,
-            )  # fmt: skip
-            driven = replace(spec, model=replace(plain, start=0.0, rise=rise, fall=fall), course=slopes)
-            made.append(Manoeuvre(driven, conditions, 0.0, stop))
-    return tuple(made)
+    plain = [replace(part, spec=replace(part.spec, model=replace(model_of(part.spec)[0], slip=None))) for part in parts]
+    return tuple(replace(part, conditions=Conditions(delay=delay)) for delay in delays for part in plain)
+
+
+def slopes_of(spec: LoopSpec) -> tuple[float, float]:
+    """Return the slopes of the set-point of a loop, up and down [m/s²]."""
+    limits = spec.diagram["vehicles"][spec.vehicle]["control"]["speed"]
+    return float(limits["max_acceleration"]), float(limits["max_deceleration"])
 
 
 def manoeuvre_costs(manoeuvres: Sequence[Manoeuvre], gains: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the IAE of gains in the parts of manoeuvres [y s]; inf where the output grows without bound.
+    """Return the IAE of gains in the parts of manoeuvres, on the reduced model [y s]; inf if it grows without bound.
 
-    The error is that against the set-point that the controller gets, which has moved by one period at a sample.
+    The integral is that of :func:`mirdrake.tuning.figures.response_figures`.
     """
-    costs = []
+    costs: list[float] = []
     for manoeuvre in manoeuvres:
         spec = manoeuvre.spec
-        model, period = model_of(spec)
         test = reduced_test(spec, manoeuvre.conditions)
         output, _, stable = simulate_reduced(spec, pid_of(spec, gains), test, manoeuvre.conditions)
-        error = np.abs(test.wanted / model.scale + model.start - output)
-        later = test.t >= manoeuvre.change - 1e-9
-        first = (test.t >= manoeuvre.begin - 1e-9) & ~later
-        for part in (first, later):
-            cost = float(np.sum(error[part]) * period)
-            costs.append(cost if stable and np.isfinite(cost) else np.inf)
+        costs += _part_costs(manoeuvre, test.t, test.reference, output) if stable else (np.inf, np.inf)
     return tuple(costs)
+
+
+def plant_costs(manoeuvres: Sequence[Manoeuvre], drive: Callable[[LoopSpec], Evaluation]) -> tuple[float, ...]:
+    """Return the IAE of a controller without dead time in the parts of manoeuvres, on the plant [y s].
+
+    A servo is part of the plant and does not wait for the delay of an actuator: conditions have no effect on it.
+
+    Args:
+        manoeuvres: their parts are driven once.
+        drive: drives the test of a loop, and keeps its response.
+    """
+    known: dict[tuple[float, float, Course], tuple[float, float]] = {}
+    costs: list[float] = []
+    for manoeuvre in manoeuvres:
+        key = (*slopes_of(manoeuvre.spec), manoeuvre.spec.course)
+        if key not in known:
+            result, columns = drive(manoeuvre.spec), ("t", "reference", "output")
+            known[key] = (np.inf, np.inf)
+            if result.status == "ok" and result.response is not None:
+                known[key] = _part_costs(manoeuvre, *(result.response[name].to_numpy() for name in columns))
+        costs += known[key]
+    return tuple(costs)
+
+
+def _part_costs(manoeuvre: Manoeuvre, t: Floats, reference: Floats, output: Floats) -> tuple[float, float]:
+    """Return the IAE in both parts of a manoeuvre [y s]; inf if it is not finite."""
+    begin, end = held_errors(reference, output)
+    sizes, begins = 0.5 * (begin + end) * np.diff(t), t[:-1]
+    later = begins >= manoeuvre.change - 1e-9
+    first = (begins >= manoeuvre.begin - 1e-9) & ~later
+    before, after = float(np.sum(sizes[first])), float(np.sum(sizes[later]))
+    return (before, after) if np.isfinite(before + after) else (np.inf, np.inf)
 
 
 def largest_ratio(costs: Sequence[float], others: Sequence[float]) -> float:

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
 from mirdrake.sensors.ground_truth import vehicle_state
 from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_response
@@ -167,7 +168,7 @@ class WheelSpeedLoop(VehicleLoop):
         if loop.model is not None and loop.model.slip is not None:
             rise = min(rise, GRIP * loop.model.slip.largest())
             fall = min(fall, GRIP * loop.model.slip.largest(backward=True))
-        return self._at_slopes(loop, rise, fall)
+        return self.at_slopes(loop, rise, fall)
 
     def followed_slopes(self, loop: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:
         """Return the largest slopes that gains follow on the slip model, by key of control.yaml.
@@ -182,14 +183,14 @@ class WheelSpeedLoop(VehicleLoop):
         limits = own.diagram["vehicles"][own.vehicle]["control"]["speed"]
         names = ("max_acceleration", "max_deceleration")
         slopes = {name: LEAST_SLOPE * limits[name] for name in names}
-        if fault_on_own_slopes(self._at_slopes(loop, *slopes.values()), gains):
+        if fault_on_own_slopes(self.at_slopes(loop, *slopes.values()), gains):
             return {}
         needed = {}
         for name in names:
             low, high = slopes[name], float(limits[name])
             tried = high
             for _ in range(SLOPE_STEPS):
-                fails = bool(fault_on_own_slopes(self._at_slopes(loop, *(slopes | {name: tried}).values()), gains))
+                fails = bool(fault_on_own_slopes(self.at_slopes(loop, *(slopes | {name: tried}).values()), gains))
                 low, high = (low, tried) if fails else (tried, high)
                 if not fails and tried == limits[name]:
                     break
@@ -199,8 +200,8 @@ class WheelSpeedLoop(VehicleLoop):
                 needed[name] = low
         return needed
 
-    def _at_slopes(self, loop: LoopSpec, rise: float, fall: float) -> LoopSpec:
-        """Return a loop whose test is up and down with slopes of the set-point [m/s²]."""
+    def at_slopes(self, loop: LoopSpec, rise: float, fall: float) -> LoopSpec:
+        """See :meth:`LoopKind.at_slopes`."""
         entry = loop.diagram["vehicles"][loop.vehicle]
         scale = self.speed_per_output(load_vehicle(entry["model"]))
         top = max(loop.course.speed, loop.course.speed + loop.course.step * scale)
@@ -210,14 +211,20 @@ class WheelSpeedLoop(VehicleLoop):
             # The model of the loop is in its units.
             model = replace(model, start=low / scale, rise=rise / scale, fall=fall / scale)
 
-        speed = {**entry["control"]["speed"], "max_acceleration": rise, "max_deceleration": fall}
-        changed = {**entry, "speed": low, "control": {**entry["control"], "speed": speed}}
+        slopes = {"max_acceleration": rise, "max_deceleration": fall}
+
+        def with_slopes(control: Json) -> Json:
+            return {**control, "speed": {**control["speed"], **slopes}}
+
+        changed = {**entry, "speed": low, "control": with_slopes(entry["control"])}
         back = loop.course.step_time + (top - low) / rise + SETTLING
         duration = back + (top - low) / fall + SETTLING
         return replace(
             loop,
             model=model,
             diagram={**loop.diagram, "vehicles": {**loop.diagram["vehicles"], loop.vehicle: changed}},
+            # The present controllers have the same slopes.
+            test_control=with_slopes(loop.test_control),
             course=replace(
                 loop.course, speed=low, step=(top - low) / scale, load=0.0, return_time=back, duration=duration
             ),
