@@ -220,6 +220,7 @@ def test_a_rule_that_fails_in_a_run_is_rejected_with_the_run_as_reason() -> None
     best, known = choose_best(stages, choice.known, [BASE, FAST, SLOWER, MIDDLE], [searched(3.5, 2.5, 2.2)])
     assert best is not None
     assert best.design.gains == {"kp": 2.5}
+    assert [(trial.gains, trial.rejections[0].run) for trial in known.rejected] == [({"kp": 3.5}, 3)]
     assert beats_rule(stages, known, best, choice.rule)[0]
     rejection = Rejection("monte_carlo", run=3, conditions=stages.draws[3], reason="oscillates", made_runs=4)
     assert known.verified["fast"].rejections == (rejection,)

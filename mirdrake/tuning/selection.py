@@ -326,6 +326,10 @@ def choose_best(
         if check.is_robust:
             return candidate, known
         failed.append((check.passed_runs, candidate))
+        # Two trials may have the same rounded gains.
+        lost = RejectedTrial(candidate.design.gains, candidate.trial.cost, check.rejections)
+        if not isinstance(entry, Candidate) and lost not in known.rejected:
+            known = replace(known, rejected=(*known.rejected, lost))
         # Only new checks on the plant take time. Rules that failed before must not keep the trials from their turn.
         checked += is_new and check.used_plant
         if checked == POOL:
