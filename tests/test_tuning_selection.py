@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,7 @@ class _Stages:
     constraints: dict[str, float] = {}  # noqa: RUF012
     hardest: tuple[Conditions, ...] = ()
     manoeuvres = ()
+    spec = SimpleNamespace(cost={"iae": 1.0})
 
     def __init__(self, bound: float, *, finer: float = math.inf, steep: float = math.inf) -> None:
         self.bound, self.finer, self.steep = bound, finer, steep

@@ -88,7 +88,7 @@ class RejectedTrial:
 
     Attributes:
         gains: by name, rounded.
-        cost: its cost.
+        cost: its cost in the test, as that of a candidate. The search ranks trials by their mean cost in several runs.
         rejections: reasons.
     """
 
@@ -346,12 +346,15 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
             return candidate, known
 
     def rejected(*reasons: Rejection) -> Knowledge:
-        return replace(known, rejected=(*known.rejected, RejectedTrial(gains, trial.cost, reasons)))
+        cost = sum(weight * trial.figures[figure] for figure, weight in stages.spec.cost.items() if weight)
+        return replace(known, rejected=(*known.rejected, RejectedTrial(gains, cost, reasons)))
 
     # Cheap checks before expensive ones: own slopes, hard scenarios, finer step, then the full test with response.
     name = "searched" if not known.searched else f"searched {len(known.searched) + 1}"
     design = Design(name, "searched", gains)
-    slopes = stages.test_on_own_slopes(design)
+    slopes = stages.test_slip(design)
+    if slopes is None or slopes.status == "ok":
+        slopes = stages.test_on_own_slopes(design)
     if slopes is not None and slopes.status != "ok":
         return None, replace(rejected(Rejection("own_slopes", reason=slopes.reason)), lost_on_slopes=True)
     failure = stages.first_failure(gains, [*known.hard, *stages.hardest])

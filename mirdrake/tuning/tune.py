@@ -305,8 +305,8 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         constraints=stages.constraints,
         experiments=identification.experiments,
         omitted=designs.omitted,
-        # Only rejected trials that would have won are worth a report.
-        rejected=tuple(trial for trial in known.rejected if trial.cost < stages.cost_in_runs(winner)),
+        # A trial that costs more in the test needs no reason for not having won.
+        rejected=tuple(trial for trial in known.rejected if trial.cost < winner.trial.cost),
         step_effect=effect,
         schedule=schedule,
         robustness=None if runs is None else runs.summary(_corner_tests(stages, chosen)),
