@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,11 +102,10 @@ def _metric(outcome: dict[str, Any], key: str) -> Metric:
 
 
 def table(outcomes: dict[Key, dict[str, Any]]) -> Iterator[str]:
-    """Yield the lines of two tables: contacts against point contact at 5 ms, and steps against half of them."""
-    pairs = [(contact, STEPS[0], "point", STEPS[0]) for contact in CONTACTS[1:]]
-    pairs += [
-        (contact, step, contact, 0.5 * step) for contact in ("point", "tyre") for step in sorted(STEPS[:2] + STEPS[3:])
-    ]
+    """Yield the lines of a table: pairs of contacts at 5 ms, and steps against half of them."""
+    pairs = [(contact, STEPS[0], other, STEPS[0]) for other, contact in combinations(CONTACTS, 2)]
+    halved = sorted(step for step in STEPS if 0.5 * step in STEPS)
+    pairs += [(contact, step, contact, 0.5 * step) for contact in CONTACTS for step in halved]
     yield "| manoeuvre | change | " + " | ".join(VEHICLES) + " |"
     yield "|---|---|" + "---|" * len(VEHICLES)
     for manoeuvre in MANOEUVRES:

@@ -24,7 +24,7 @@ def contact(mu: float = MU) -> Contact:
 def wheel(*, coulomb: bool = True) -> SpinningWheel:
     place = WheelPlace((0.0, 0.0, 0.3), 0.0, 0, NO_JOINT, NO_JOINT, (0, 0))
     settings = RelaxationSettings(lasting_damping=DAMPING * LOAD)
-    numbers = (1.0, 0.0, False, 0.3, 2e5, 0.1, 0.0, LOAD, settings, WIDTH, 0.01, coulomb, 0, 100.0)
+    numbers = (1.0, 0.0, False, 0.3, 2e5, 0.1, 0.0, 0.1, place, LOAD, settings, WIDTH, 0.01, coulomb, 0, 100.0)
     return SpinningWheel(place, *numbers, (0.0, 0.0, 0.0, 0.0), 1.0)
 
 

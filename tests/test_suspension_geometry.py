@@ -283,6 +283,7 @@ def drive(
     speed: float,
     duration: float,
     tyre: str | None = None,
+    contact: str = "tyre",
 ) -> pd.DataFrame:
     """Return the signals of a Bolt on slip tyres with these keys added to its axles; only friction brakes brake it."""
     folder.mkdir()
@@ -304,9 +305,25 @@ def drive(
         "world": "empty",
         "vehicles": {"ego": {"model": f"{folder}@x", "speed": speed}},
         "control": {"ego": control},
-        "plant": {"contact": "tyre", "time_step": 0.005},
+        "plant": {"contact": contact, "time_step": 0.005},
     }
     return Simulation(assemble(spec)).run(duration=duration).signals
+
+
+@pytest.mark.parametrize("contact", ["point", pytest.param("hydroelastic", marks=pytest.mark.slow)])
+def test_in_a_steady_turn_arms_act_the_same_on_every_contact(tmp_path: Path, contact: str) -> None:
+    """The contact shapes do not move with the arms, but the tyres do: 0.6 mm are 2 % of the roll and 40 N of a load."""
+    turn = {"kind": "constant", "speed": 14.0, "steering": 0.06}
+    ends = []
+    for name in ("tyre", contact):
+        signals = drive(tmp_path / name, TABLES, TABLES, turn, speed=14.0, duration=4.0, contact=name)
+        ends.append(signals.tail(20).mean())
+    tyre, other = ends
+    assert tyre["ego.roll"] > 0.03
+    for name in ("ego.wz", "ego.vx", "ego.roll"):
+        assert other[name] == pytest.approx(tyre[name], rel=1e-3)
+    for wheel in WHEELS:
+        assert other[f"ego.wheel_load.{wheel}"] == pytest.approx(tyre[f"ego.wheel_load.{wheel}"], abs=2.0)
 
 
 def test_in_a_steady_turn_arms_take_the_share_of_their_roll_centres(tmp_path: Path) -> None:

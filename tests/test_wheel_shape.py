@@ -1,12 +1,25 @@
 """The contact shapes of a wheel."""
 
-from math import cos, pi, sin, sqrt
+from math import cos, pi, sin, sqrt, tan
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.geometry import Ellipsoid, Mesh
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddRigidHydroelasticProperties,
+    Ellipsoid,
+    FramePoseVector,
+    GeometryFrame,
+    GeometryInstance,
+    HalfSpace,
+    HydroelasticContactRepresentation,
+    Mesh,
+    ProximityProperties,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.manoeuvres import Rig, find_facts
@@ -14,9 +27,10 @@ from mirdrake.plant.plant import make_plant
 from mirdrake.plant.wheel_shape import (
     DISH,
     SEGMENTS,
+    TREAD,
     make_wheel_shape,
+    patch_load,
     patch_size,
-    patch_slope,
     write_wheel_vtk,
 )
 from mirdrake.vehicles import WHEELS, load_vehicle
@@ -117,31 +131,65 @@ def test_the_load_of_a_patch_is_that_of_the_pressure_in_the_polygon(depth):
         assert width * np.trapezoid(share * (1.0 - share), x) == pytest.approx(load, rel=0.001)
 
 
-def _patch(radius, width, depth, inclination, lifted=0.0):
-    """Return the integral of p / E over an inclined patch [m²], with the pressure as if it were lower by `lifted` [m].
+MODULUS, RADIUS, WIDTH = 1e6, 0.32, 0.2
 
-    The mesh is a pyramid with its tip in the axle: parts of the patch beside it do not count.
+
+def contact_of(depth, inclination, pitch, *, mirrored, drop=0.0):
+    """Return load [N] and overturning moment [N m] that a discrete step of Drake has for a mesh on a plane.
+
+    Each polygon has the pressure at its centroid, at the end of the step, on its area at the beginning.
     """
-    y, x = np.meshgrid(np.linspace(-0.5, 0.5, 2001) * width, np.linspace(-0.25, 0.25, 4001))
-    down = radius - depth - y * np.tan(inclination)
-    r = np.hypot(x, down)
-    inside = (r < radius) & (np.abs(y) < 0.5 * width * r / radius)
-    share = np.where(inside, 1.0 - np.hypot(x, down - lifted) / radius, 0.0)
-    return float(share.sum()) * (0.5 / 4000) * (width / 2000) / np.cos(inclination)
+    scene_graph = SceneGraph()
+    source = scene_graph.RegisterSource("wheel")
+    frame = scene_graph.RegisterFrame(source, GeometryFrame("wheel"))
+    soft, hard = ProximityProperties(), ProximityProperties()
+    AddCompliantHydroelasticProperties(RADIUS, MODULUS, soft)
+    AddRigidHydroelasticProperties(hard)
+    shape = make_wheel_shape("hydroelastic", radius=RADIUS, width=WIDTH, mirrored=mirrored)
+    for shape_, properties in ((shape, soft), (HalfSpace(), hard)):
+        geometry = GeometryInstance(RigidTransform(), shape_, "tyre" if properties is soft else "road")
+        geometry.set_proximity_properties(properties)
+        if properties is soft:
+            scene_graph.RegisterGeometry(source, frame, geometry)
+        else:
+            scene_graph.RegisterAnchoredGeometry(source, geometry)
+    context, poses = scene_graph.CreateDefaultContext(), FramePoseVector()
+    height = (RADIUS - depth) * cos(inclination)
+    # The axle is inclined, then the wheel turns about it.
+    turned = RotationMatrix.MakeXRotation(inclination) @ RotationMatrix.MakeYRotation(-pitch)
+    poses.set_value(frame, RigidTransform(turned, [0.0, 0.0, height]))
+    scene_graph.get_source_pose_port(source).FixValue(context, poses)
+    load, moment, centre = 0.0, 0.0, height * tan(inclination)
+    for patch in (
+        scene_graph.get_query_output_port()
+        .Eval(context)
+        .ComputeContactSurfaces(HydroelasticContactRepresentation.kPolygon)
+    ):
+        mesh, pressure = patch.poly_mesh_W(), patch.poly_e_MN()
+        for face in range(patch.num_faces()):
+            gradient = patch.EvaluateGradE_M_W(face) if patch.HasGradE_M() else patch.EvaluateGradE_N_W(face)
+            rising = abs(gradient[2]) * np.sign(gradient @ patch.face_normal(face)) * (1 if patch.HasGradE_M() else -1)
+            if rising <= 0.0:  # sides of the wheel
+                continue
+            vertex, place = mesh.element(face).vertex(0), patch.centroid(face)
+            there = pressure.EvaluateAtVertex(vertex) + gradient @ (place - mesh.vertex(vertex))
+            force = patch.area(face) * max(there + rising * drop, 0.0)
+            load += force
+            moment += force * (place[1] - centre)
+    return load, moment
 
 
-@pytest.mark.parametrize("depth", [0.01, 0.022, 0.029])
-@pytest.mark.parametrize("inclination", [0.03, 0.08])
-def test_the_load_of_an_inclined_patch_is_that_of_the_pressure_in_it(depth, inclination):
-    radius, width = 0.32, 0.1
-    load = width * patch_size(radius, depth, inclination, width)
-    assert load == pytest.approx(_patch(radius, width, depth, inclination), rel=5e-4)
-
-
-def test_a_step_changes_the_pressure_of_a_patch_and_not_its_area():
-    radius, width, depth, lower = 0.32, 0.1, 0.022, 1e-4
-    change = _patch(radius, width, depth, 0.0, lower) - _patch(radius, width, depth, 0.0)
-    assert patch_slope(radius, depth) * width * lower == pytest.approx(change, rel=2e-3)
+@pytest.mark.parametrize("depth", [-0.002, 0.003, 0.022])
+@pytest.mark.parametrize("inclination", [0.0, 0.05, -0.08])
+@pytest.mark.parametrize(("pitch", "mirrored", "drop"), [(0.0, False, 0.0), (0.03, True, 0.0), (-0.02, False, 4e-4)])
+def test_load_and_moment_of_a_patch_are_those_of_drake(depth, inclination, pitch, mirrored, drop):
+    """Also of a wheel whose lower side only touches the road."""
+    expected = contact_of(depth, inclination, pitch, mirrored=mirrored, drop=drop)
+    width, height = TREAD * WIDTH * (-1.0 if mirrored else 1.0), (RADIUS - depth) * cos(inclination)
+    load, moment = patch_load(RADIUS, width, height, sin(inclination), pitch, drop)
+    assert expected[0] > 0.0 or (depth < 0.0 and inclination == 0.0)
+    assert MODULUS * load == pytest.approx(expected[0], rel=1e-6)
+    assert MODULUS * moment == pytest.approx(expected[1], rel=1e-6, abs=1e-6 * WIDTH * expected[0])
 
 
 @pytest.mark.parametrize("contact", [pytest.param("hydroelastic", marks=pytest.mark.slow), "point"])

@@ -31,7 +31,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Sine with dwell"
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
-    headline: ClassVar[tuple[str, ...]] = ("amplitude_left", "displacement_left")
+    headline: ClassVar[tuple[str, ...]] = ("passed_left", "displacement_left")
 
     speed: Speed = setting(80.0 * KMH, "speed at the beginning of steer", "m/s", "V", _TWO, gt=0.0)
     tolerance: Speed = setting(2.0 * KMH, "allowed difference of the speed", "m/s", "R", "FMVSS 126", gt=0.0)
@@ -60,6 +60,9 @@ class SineWithDwellSpec(ManoeuvreSpec):
     )
     threshold: Angle = setting(
         math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak", "rad", "R", "FMVSS 126"
+    )
+    resolution: float = setting(
+        0.001, "relative difference of amplitudes at which the search of the lowest that fails ends", "", "own", ge=1e-4
     )
     settle: Duration = setting(0.5, "time straight ahead before the sine", "s", "own", ge=0.0)
 
@@ -96,6 +99,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         responses: dict[str, list[tuple[float, DwellResponse]]] = {}
         faults: list[str] = []
         passed: dict[str, float] = {}
+        lowest_failed: dict[str, float] = {}
         for side in sides:
             for amplitude in feasible:
                 record = self._sine(rig, side, amplitude)
@@ -105,20 +109,28 @@ class SineWithDwellSpec(ManoeuvreSpec):
                 if fault is not None:
                     faults.append(fault)
                     self._draw(outcome, record, side, fault=True)
+                    if side in passed:
+                        lowest_failed[side] = self._lowest_failing(rig, side, passed[side], amplitude, angle)
                     break
                 passed[side] = amplitude
             else:
                 self._draw(outcome, record, side, fault=False)
         # The worst figures of each side, and the largest amplitude that passed.
         for side, results in responses.items():
-            for number, wait in enumerate(self.waits):
-                # The worst case over all amplitudes of a side, as each of them has to pass.
+            # The worst case over all amplitudes of a side, as each of them has to pass. Near the lowest amplitude that
+            # fails, the ratios change by many times a change of the amplitude: those of a failure are in the reason.
+            failed = results[-1][0] > passed.get(side, 0.0)
+            for number, wait in enumerate(() if failed else self.waits):
                 ratio = max(response.ratios[number] for _, response in results)
                 text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
                 max_amplitude = 100.0 * self.shares[number]
                 outcome.add(
                     f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{max_amplitude:g} %", scale=max_amplitude
                 )
+            if side in lowest_failed:
+                lowest = lowest_failed[side]
+                text, note = f"Lowest amplitude that fails, {side}", f"{lowest / angle:.2f} A, by bisection"
+                outcome.add(f"failed_{side}", text, math.degrees(lowest), "deg", note)
             text = f"Smallest displacement {self.displacement_time:.3g} s after the beginning, {side}"
             min_displacement = min(
                 (response.displacement for amplitude, response in results if self._is_large(amplitude, angle)),
@@ -138,6 +150,25 @@ class SineWithDwellSpec(ManoeuvreSpec):
                 f"it passes up to {math.degrees(feasible[-1]):.0f} deg, beyond which the steering is too slow for "
                 f"{self.frequency:.3g} Hz; {math.degrees(amplitudes[-1]):.0f} deg are required"
             )
+
+    def _lowest_failing(self, rig: Rig, side: str, passed: float, failed: float, angle: float) -> float:
+        """Return the lowest amplitude that fails [rad], between one that passed and one that failed.
+
+        Args:
+            rig: the vehicle.
+            side: first direction of the steering.
+            passed: amplitude that passed [rad].
+            failed: amplitude that failed [rad].
+            angle: reference angle A of the standard [rad].
+        """
+        while failed - passed > self.resolution * failed:
+            amplitude = 0.5 * (passed + failed)
+            response = self._evaluate(self._sine(rig, side, amplitude), amplitude)
+            if self._fault(response, amplitude, angle, side) is None:
+                passed = amplitude
+            else:
+                failed = amplitude
+        return failed
 
     def _is_large(self, amplitude: float, angle: float) -> bool:
         """Return whether the steering amplitude [rad] is large enough for the limit of the displacement.
@@ -166,7 +197,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         # The throttle is released: it coasts in neutral; without pedals the speed is held instead.
         pedals = [[0.0, 0.0, 0.0, 0.0]] if rig.pedals else None
         record = rig.run(
-            f"{side}_{math.degrees(amplitude):.4g}deg",
+            f"{side}_{math.degrees(amplitude):.5g}deg",
             rig.open_driver(profile, pedals=pedals, speeds=None if pedals else [[0.0, self.speed]]),
             duration=length,
             speed=self.speed,

@@ -9,9 +9,9 @@ Vehicle files have a cylinder. In a simulation it has two faults, both measured:
   times smoother with as many contact polygons.
 
 Both bear the load in the middle plane of the wheel, or nearly so. The mesh is half as wide as the wheel: a wheel with
-inclination γ is compressed more on the side to which its top is inclined, and in a discrete step, with one pressure per
-triangle, the load moves to that side by w² γ / (36 d), with the width w of the mesh and the depth d. On an ellipsoid
-of the width w the contact point moves by (w² / (4 R) - d / 2) γ from the wheel plane on the road. The tyre step
+inclination γ is compressed more on the side to which its top is inclined, so the load moves to that side: on the Bolt
+by 1.7 mm at a depth of 18 mm and an inclination of 0.08, and by 22 mm at a depth of 2 mm. On an ellipsoid of the width
+w the contact point moves by (w² / (4 R) - d / 2) γ from the wheel plane on the road. The tyre step
 (:mod:`mirdrake.plant.wheels.step`) removes the moment of both.
 
 The pressure is p = E (1 - r / R) at the distance r from the axle, down to zero at the sides. The sides are concave,
@@ -21,21 +21,17 @@ axle, the load is::
 
     N = E w ∫ (p / E - (p / E)²) dx = E w (a + h² asinh(a / h) / R - 2 a h² / R² - 2 a³ / (3 R²)),    a² = R² - h²
 
-With an inclination γ the distances are those in the wheel plane, and the ends of the patch move with the height of the
-axle over each line of it. To second order in γ the load is larger by the share γ² / 2, as the plane cuts the wheel
-obliquely, and by::
-
-    γ² E w³ (2 a R + 6 h² asinh(a / h) - 16 a³ / (9 R) - 16 a h² / R + 4 h² R / (3 a)) / (16 R³)
-
-In a discrete step Drake takes the area of the patch at its beginning and the pressure at its end. The load thus changes
-with the depth by 2 E w a h / R².
+In a discrete step Drake takes the area of each polygon of the patch at the beginning of the step and the pressure at
+its end; the force of a polygon acts at its centroid. :func:`patch_load` adds up these forces for a mesh on a plane. It
+differs from the closed form by up to 0.1 %, as the tread has facets; on an inclined wheel it is up to 2 % of the static
+load more, as the lower side touches the road where the middle does not.
 
 The modulus E is chosen so that a tyre has the deflection of its vertical stiffness at the static load; the tyre step
 adds what the patch lacks elsewhere.
 """
 
 from itertools import pairwise
-from math import asinh, copysign, cos, pi, sin, sqrt
+from math import acos, asinh, ceil, copysign, cos, floor, pi, sin, sqrt
 
 from pydrake.common import MemoryFile
 from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
@@ -85,34 +81,115 @@ def make_wheel_shape(contact: ContactModel, *, radius: float, width: float, mirr
     return Mesh(InMemoryMesh(mesh_file=MemoryFile(contents, ".vtk", "wheel")))
 
 
-def patch_size(radius: float, depth: float, inclination: float = 0.0, width: float = 0.0) -> float:
-    """Return the load of a patch over modulus and width of the mesh [m]; :mod:`mirdrake.core.compiled` can compile it.
+def patch_size(radius: float, depth: float) -> float:
+    """Return the load of a patch of an upright wheel over modulus and width of the mesh [m].
 
     Args:
         radius: of the wheel [m].
-        depth: of the patch in the wheel plane, positive and less than the radius [m].
-        inclination: of the wheel [rad].
-        width: of the mesh [m]; an upright wheel needs none.
+        depth: of the patch, positive and less than the radius [m].
     """
     height = radius - depth
     half = sqrt(depth * (radius + height))
-    share, angle = height / radius, asinh(half / height)
-    size = half * (1.0 - 2.0 * share * share - 2.0 / 3.0 * (half / radius) ** 2) + height * share * angle
-    # Where one side of the wheel loses the road, the load hardly increases any more.
-    lean = min(abs(inclination) * width, 2.0 * depth)
-    wider = (
-        2.0 * half * radius
-        + 6.0 * height * height * angle
-        - 16.0 * half * (half * half / 9.0 + height * height) / radius
-    )
-    wider += 4.0 / 3.0 * height * height * radius / half
-    return size * (1.0 + 0.5 * inclination * inclination) + lean * lean * wider / (16.0 * radius**3)
+    share = height / radius
+    return half * (1.0 - 2.0 * share * share - 2.0 / 3.0 * (half / radius) ** 2) + height * share * asinh(half / height)
 
 
-def patch_slope(radius: float, depth: float) -> float:
-    """Return the change of :func:`patch_size` by the change of depth in a step; arguments as there."""
-    height = radius - depth
-    return 2.0 * sqrt(depth * (radius + height)) * height / (radius * radius)
+def patch_load(
+    radius: float, width: float, height: float, sine: float, pitch: float, drop: float
+) -> tuple[float, float]:
+    """Return load and overturning moment of a mesh on a plane; :mod:`mirdrake.core.compiled` can compile it.
+
+    Each polygon is the section of a tetrahedron, of two surface triangles of a facet and the centre, with the plane.
+
+    Args:
+        radius: of the wheel [m].
+        width: of the mesh [m]; negative if it is mirrored, see :func:`write_wheel_vtk`.
+        height: of the centre of the wheel above the plane [m].
+        sine: that of the inclination; positive if the top is inclined to the right [1].
+        pitch: rotation of the mesh about the axle, positive if its lowest point moved ahead [rad].
+        drop: by which the wheel sinks in the step, with the area of each polygon unchanged [m].
+
+    Returns:
+        Load [m²], and its moment about the direction ahead at the contact centre [m³], both over the modulus.
+    """
+    sector = 2.0 * pi / SEGMENTS
+    corner, cosine, side = radius * sqrt(sector / sin(sector)), sqrt(1.0 - sine * sine), 0.5 * width
+    lowest = (height - abs(side * sine)) / (corner * cosine)
+    if lowest >= 1.0:
+        return 0.0, 0.0
+    reach, contact = acos(lowest), height * sine / cosine
+    load, moment = 0.0, 0.0
+    first, last = ceil((-reach - pitch) / sector - 0.5), floor((reach - pitch) / sector + 0.5)
+    for facet in range(first, last + 1):
+        middle = pitch + facet * sector
+        # The pressure of a facet is p = E (1 - n r / (n r of its surface)), with its normal n.
+        rise = drop * cos(middle) * cosine / (corner * cos(0.5 * sector))
+        # Corners: behind and ahead, each at -y and at y of the mesh. Ahead, to the left, and height of each.
+        xi, di = corner * sin(middle - 0.5 * sector), corner * cos(middle - 0.5 * sector)
+        xj, dj = corner * sin(middle + 0.5 * sector), corner * cos(middle + 0.5 * sector)
+        a = (xi, di * sine - side * cosine, height - di * cosine - side * sine)
+        b = (xj, dj * sine - side * cosine, height - dj * cosine - side * sine)
+        c = (xi, di * sine + side * cosine, height - di * cosine + side * sine)
+        d = (xj, dj * sine + side * cosine, height - dj * cosine + side * sine)
+        for triangle in ((a, b, c), (b, d, c)):
+            area, across, share = _section(triangle[0], triangle[1], triangle[2], height)
+            force = area * max(share + rise, 0.0)
+            load += force
+            moment += force * (across - contact)
+    return load, moment
+
+
+def _section(a: Point, b: Point, c: Point, height: float) -> tuple[float, float, float]:
+    """Return the section of a tetrahedron with the plane: area [m²], lateral place of its centroid [m], p / E there.
+
+    Args:
+        a: corner at the surface [m].
+        b: another.
+        c: the third.
+        height: that of the fourth corner, in the axle above the origin, where p = E [m].
+    """
+    below = (1 if a[2] < 0.0 else 0) + (1 if b[2] < 0.0 else 0) + (1 if c[2] < 0.0 else 0)
+    if below == 0:
+        return 0.0, 0.0, 0.0
+    # The first corner is the only one of its side of the plane, if there is one.
+    for _ in range(2):
+        if below < 3 and (a[2] < 0.0) != (below == 1):
+            a, b, c = b, c, a
+    if below == 1:
+        p, q, r = _to_centre(a, height), _between(a, b), _between(a, c)
+        return _triangle(p, q, r)
+    if below == 3:
+        return _triangle(_to_centre(a, height), _to_centre(b, height), _to_centre(c, height))
+    p, q = _to_centre(b, height), _to_centre(c, height)
+    r, s = _between(c, a), _between(b, a)
+    one, y_one, share_one = _triangle(p, q, r)
+    two, y_two, share_two = _triangle(p, r, s)
+    area = one + two
+    if area <= 0.0:
+        return 0.0, 0.0, 0.0
+    return area, (one * y_one + two * y_two) / area, (one * share_one + two * share_two) / area
+
+
+def _to_centre(corner: Point, height: float) -> Point:
+    """Return where the edge from the centre to a lower corner meets the plane: ahead [m], to the left [m], p / E."""
+    part = height / (height - corner[2])
+    return part * corner[0], part * corner[1], 1.0 - part
+
+
+def _between(a: Point, b: Point) -> Point:
+    """Return where an edge of the surface meets the plane: ahead [m], to the left [m], p / E = 0."""
+    part = a[2] / (a[2] - b[2])
+    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), 0.0
+
+
+def _triangle(p: Point, q: Point, r: Point) -> tuple[float, float, float]:
+    """Return area [m²], lateral place of the centroid [m], and p / E there, of a triangle in the plane."""
+    area = 0.5 * abs((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+    return area, (p[1] + q[1] + r[1]) / 3.0, (p[2] + q[2] + r[2]) / 3.0
+
+
+PATCH_PARTS = (patch_load, _section, _to_centre, _between, _triangle)
+"""Functions of :func:`patch_load`, with itself, to be compiled."""
 
 
 def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: bool = False) -> str:

@@ -27,8 +27,8 @@ Drake's implicit contact never does. Beyond ω dt = 1/2 only the share 1 / (2 ω
 stable at any length.
 
 A patch of hydroelastic contact has another characteristic (:mod:`mirdrake.plant.wheel_shape`), and so another load at
-the end of the step. The load acts at the contact centre; the moment that the contact shape of an inclined wheel has
-about it is subtracted.
+the end of the step. The load of the tyre acts at its contact centre. The load of the contact shape, which the arms of
+the suspension do not move, is subtracted at that of the shape, with the moment that an inclined shape has about it.
 
 The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
 of 10 ms would be unstable. The equations of spin and deflection, linear in the step with the slip stiffness S, are
@@ -64,11 +64,11 @@ alone).
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, cos, exp, inf, sin, sqrt, tanh
+from math import asin, atan, cos, exp, inf, sin, sqrt, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
-from mirdrake.plant.wheel_shape import TREAD, patch_size, patch_slope
+from mirdrake.plant.wheel_shape import PATCH_PARTS, patch_load
 from mirdrake.plant.wheels import motion as wheel_motion
 from mirdrake.plant.wheels.motion import WheelMotion, WheelPlace, add_road_force, base_motion
 from mirdrake.plant.wheels.motion import wheel_motion as motion_of
@@ -110,7 +110,9 @@ class SpinningWheel(NamedTuple):
         radius: unloaded [m].
         stiffness: vertical stiffness [N/m]; not used where the tyre touches the ground itself.
         rebound: vertical damping over the force [s/m]; not used there either.
-        patch: modulus times width of its hydroelastic mesh [N/m]; zero in point contact.
+        modulus: of its hydroelastic mesh [Pa]; zero in point contact.
+        mesh: width of this mesh, negative if it is mirrored [m].
+        shape: place of its contact shape in the plant, which the arms of its suspension do not move.
         static_load: its load at rest [N].
         settings: damping of its tyre.
         width: width of the tread [m].
@@ -130,7 +132,9 @@ class SpinningWheel(NamedTuple):
     radius: float
     stiffness: float
     rebound: float
-    patch: float
+    modulus: float
+    mesh: float
+    shape: WheelPlace
     static_load: float
     settings: RelaxationSettings
     width: float
@@ -253,7 +257,8 @@ def tyre_step(
                 kept.rest += wheel.mobility[j] * period * memories[j].load
                 change -= wheel.mobility[j] * period * after[j].load
             change += 2.0 * kept.rest - before.rest if before.begun > 1.0 else kept.rest
-        borne, moment_x = drake_load(wheel, motion, period, motion.sink + wheel.foresight * change)
+        shape = motion_of(x, wheel.shape, base, car.positions)
+        borne, moment_x = drake_load(wheel, shape, period, shape.sink + wheel.foresight * change)
         # The curve at the present load; if a node is missing, the caller makes it and repeats.
         curve_load = wheel.static_load if wheel.coulomb else min(max(load, nodes.lowest), nodes.highest)
         if not find_tyre(nodes, i, curve_load, 0.0 if wheel.coulomb else motion.inclination, frictions[i]):
@@ -295,7 +300,7 @@ def tyre_step(
             period,
         )
         twist, moment = pivoting(wheel, load, before.twist, motion.turn, now.vx, contact, period)
-        # The plant applies the load of its contact; the vertical force changes it to that of the tyre.
+        # The load of the tyre replaces that which the plant applies by its contact.
         add_road_force(
             force,
             wheel.place,
@@ -303,11 +308,12 @@ def tyre_step(
             fx,
             fy,
             mz + moment,
-            load - borne,
+            load,
             resistance,
             torque - drive,
-            contact.overturning + contact.overturning_by_fy * fy - moment_x,
+            contact.overturning + contact.overturning_by_fy * fy,
         )
+        add_road_force(force, wheel.shape, shape, 0.0, 0.0, 0.0, -borne, 0.0, 0.0, -moment_x)
         force[wheel.place.spin] += torque - effort
         kept.begun, kept.twist = min(before.begun + 1.0, 2.0), twist
         logged[i, 0], logged[i, 1], logged[i, 2] = fx, fy, mz + moment
@@ -479,7 +485,7 @@ def drake_load(wheel: Any, motion: WheelMotion, period: float, sink: float) -> t
 
     Args:
         wheel: :class:`SpinningWheel`.
-        motion: its motion.
+        motion: that of its contact shape.
         period: step of the plant [s].
         sink: speed of the wheel centre downwards at the end of the step [m/s].
     """
@@ -487,14 +493,12 @@ def drake_load(wheel: Any, motion: WheelMotion, period: float, sink: float) -> t
     # The equations below do not hold for a wheel that lies on its side.
     if abs(sine) > _LYING:
         return wheel.stiffness * max(wheel.radius - motion.radius, 0.0) * damping, 0.0
-    if wheel.patch > 0.0:
-        radius, width = wheel.radius, TREAD * wheel.width
-        depth = min(radius - motion.radius, 0.5 * radius)
-        if depth <= 0.0:
-            return 0.0, 0.0
-        size = patch_size(radius, depth, motion.inclination, width) + period * sink * patch_slope(radius, depth)
-        borne = wheel.patch * max(size, 0.0) * damping
-        return borne, -borne * width * width * sine / (36.0 * depth)
+    if wheel.modulus > 0.0:
+        ahead, up = motion.ahead, motion.up
+        pitch = -asin(max(-1.0, min(1.0, ahead[0] * up[0] + ahead[1] * up[1])))
+        height = max(motion.z, 0.5 * wheel.radius)
+        size, moment = patch_load(wheel.radius, wheel.mesh, height, sine, pitch, period * sink)
+        return wheel.modulus * size * damping, wheel.modulus * moment * damping
     # The lowest point of an ellipsoid; fcl moves it by half the depth towards the centre.
     cosine, side = sqrt(1.0 - sine * sine), 0.5 * wheel.width
     low = sqrt(wheel.radius * wheel.radius * cosine * cosine + side * side * sine * sine)
@@ -618,8 +622,7 @@ STEP_PARTS = (
     *relaxation.STEP_PARTS,
     *wheel_motion.STEP_PARTS,
     *NODE_PARTS,
-    patch_size,
-    patch_slope,
+    *PATCH_PARTS,
     tyre_load_of,
     drake_load,
     slip_forces,

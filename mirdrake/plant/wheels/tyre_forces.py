@@ -26,6 +26,8 @@ from mirdrake.core.vectors import SIDES
 from mirdrake.plant.plant import VehicleInPlant, solves_joints
 from mirdrake.plant.rear_steering import REAR_STEERING
 from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheel_shape import TREAD
+from mirdrake.plant.wheels.arms import NO_ARMS
 from mirdrake.plant.wheels.joint_step import JointMemory, StiffJoint
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
@@ -73,8 +75,8 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     mobility = load_mobility(plant, part)
     product = fastest_bounce(plant, part, mobility) * part.period
     first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
-    for index, (wheel_place, joint, actuator) in enumerate(
-        zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
+    for index, (name, wheel_place, joint, actuator, width) in enumerate(
+        zip(WHEELS, wheel_places(part), part.wheels, part.wheel_actuators, geometry.wheel_widths, strict=True)
     ):
         rear = index >= 2
         body = joint.child_body()
@@ -103,10 +105,12 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 geometry.wheel_radii[index],
                 compression.stiffness,
                 compression.damping,
-                part.patches[rear],
+                part.patches[rear] / (TREAD * width),
+                -TREAD * width if name.endswith("right") else TREAD * width,
+                wheel_place._replace(arms=NO_ARMS),
                 static_load,
                 settings,
-                geometry.wheel_widths[index],
+                width,
                 tyres.rolling_resistance,
                 coulomb,
                 actuator.input_start() - first,
