@@ -53,7 +53,7 @@ _RED, _GREEN, _BLUE, _VIOLET, _MAGENTA = (
     Rgba(0.45, 0.15, 0.85, 0.9),
     Rgba(0.93, 0.20, 0.60, 0.9),
 )
-_MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
+_MARKED = ("overlap", "actor", "start", "goal", "buried", "floating", "gap")
 _PEOPLE, _PERSON = {"pedestrian", "cyclist"}, 0.02  # least height of their symbol over the size of the world
 _RIBBON = 0.15  # [m] width of a path
 

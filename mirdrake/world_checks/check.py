@@ -7,14 +7,17 @@
 A world that cannot be laid out has only the faults of the first step.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.yaml_io import parse_tree, where
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks import sentences
+from mirdrake.world_checks.actor_starts import Standing, find_actor_overlaps, find_actors_at, place_actors
 from mirdrake.world_checks.faults import Fault, Kind
 from mirdrake.world_checks.first_steps import find_first_step_fault
 from mirdrake.world_checks.obstacles import Body, Obstacle, obstacles_for
@@ -109,7 +112,9 @@ def examine(
     faults += find_unsupported(near, world.rules, world.ground.terrain)
 
     # Vehicles, tests, first steps.
-    trips = _Trips(world, near, time_limit)
+    actors = place_actors(world, lambda error: faults.extend(_faults_of("file", error)))
+    faults += find_actor_overlaps(actors)
+    trips = _Trips(world, near, actors, time_limit)
     trips.check(vehicle)
     faults += trips.faults
     remarks = _condition_remarks(world)
@@ -128,7 +133,7 @@ def examine(
 
 @dataclass(frozen=True)
 class _Trip:
-    """A requirement of a rule or test on a vehicle: free at a start, with a path to a goal."""
+    """A requirement of a rule or test on a vehicle: free at a start, with a path to a goal; rules ignore actors."""
 
     vehicle: str
     vehicle_where: str
@@ -136,6 +141,7 @@ class _Trip:
     goal: str | None
     margin: float
     where: str
+    with_actors: bool = True
 
 
 @dataclass(frozen=True)
@@ -155,12 +161,13 @@ class _Trips:
         paths: paths that were found.
     """
 
-    def __init__(self, world: World, near: Neighbours, time_limit: float) -> None:
-        self._world, self._near, self._time_limit = world, near, time_limit
+    def __init__(self, world: World, near: Neighbours, actors: Sequence[Standing], time_limit: float) -> None:
+        self._world, self._near, self._actors, self._time_limit = world, near, actors, time_limit
         self.faults: list[Fault] = []
         self.paths: list[VehiclePath] = []
         self._subjects: dict[str, _Subject | None] = {}
         self._starts: dict[tuple[str, str], bool] = {}
+        self._met: set[tuple[str, str]] = set()
         self._results: dict[tuple[str, str, str, float], VehiclePath | str] = {}
 
     def check(self, vehicle: str | None) -> None:
@@ -182,7 +189,7 @@ class _Trips:
         world = self._world
         for rule in world.rules.drivable if world.rules is not None else ():
             if rule.from_ in world.starts:
-                yield _Trip(rule.vehicle, where(rule, "vehicle"), rule.from_, rule.to, rule.margin, where(rule))
+                yield _Trip(rule.vehicle, where(rule, "vehicle"), rule.from_, rule.to, rule.margin, where(rule), False)
             else:
                 self.faults.append(Fault("rule", sentences.goal_as_start(rule.from_), where(rule, "from")))
         cars: list[CaseSpec | OtherSpec] = []
@@ -207,6 +214,13 @@ class _Trips:
             bad = find_bad_start(self._world, self._near, trip.start, subject.body, subject.volume)
             self.faults += bad
             self._starts[key] = not bad
+        # The actors are there only when a vehicle is driven, not for a rule about the world.
+        if trip.with_actors and key not in self._met:
+            self._met.add(key)
+            start = self._world.starts[trip.start]
+            text, pose = f"{subject.body.name} at '{trip.start}'", np.array([start.x, start.y, start.yaw])
+            standing = Standing(text, where(self._world.spec, "start", trip.start), subject.volume, pose)
+            self.faults += find_actors_at(standing, self._actors)
         # From a bad start no path can be found, and its fault is reported already.
         if trip.goal is None or not self._starts[key] or goal_area(self._world, trip.goal) is None:
             return

@@ -5,7 +5,7 @@ from typing import Literal
 
 Kind = Literal[
     "file", "unplaced", "rule", "overlap", "unchecked", "gap", "buried", "floating", "start", "goal", "unreachable",
-    "test", "first_steps",
+    "actor", "test", "first_steps",
 ]  # fmt: skip
 """Kinds of faults:
 
@@ -20,6 +20,7 @@ buried          a prop is below the ground
 floating        a prop is above the ground without support
 start, goal     a start or goal is inside a prop or outside the ground
 unreachable     a vehicle has no path to a goal
+actor           an actor overlaps another one, or a vehicle at its start, at t = 0
 test            a test has a fault
 first_steps     the first steps of a simulation fail
 ==============  ==============================================================

@@ -1,9 +1,13 @@
 """Sentences of the faults of a world: what was found, where, and how to correct it."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from mirdrake.core.errors import did_you_mean
 from mirdrake.worlds import PlacedProp, World
+
+if TYPE_CHECKING:
+    from mirdrake.world_checks.actor_starts import Standing
 
 Bounds = tuple[float, float, float, float]
 
@@ -83,6 +87,22 @@ def start_in_prop(vehicle: str, start: str, prop: PlacedProp, depth: float, x: f
     return (
         f"{vehicle} at '{start}' overlaps '{prop.name}' ({prop.file_line}) by {format_length(depth)} at "
         f"{format_position(x, y)}; move the start or the prop"
+    )
+
+
+def actors_overlap(actor: "Standing", other: "Standing", depth: float) -> str:
+    """Return the sentence for two actors that overlap at t = 0 [m]."""
+    return (
+        f"'{actor.name}' overlaps '{other.name}' ({other.file_line}) by {format_length(depth)} at t = 0, at "
+        f"{format_position(*actor.pose[:2])}; move one of them along its lane or path, or to another one"
+    )
+
+
+def start_in_actor(start: "Standing", actor: "Standing", depth: float) -> str:
+    """Return the sentence for a vehicle at a start that overlaps an actor at t = 0 [m]."""
+    return (
+        f"{start.name} overlaps the actor '{actor.name}' ({actor.file_line}) by {format_length(depth)} at t = 0, at "
+        f"{format_position(*actor.pose[:2])}; move the start or the actor"
     )
 
 
