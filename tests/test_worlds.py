@@ -14,6 +14,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.world_checks import check_world
 from mirdrake.worlds import World, WorldSpec, load_world, make_world
+from mirdrake.worlds.loading import parse_world
 from mirdrake.worlds.scenery import (
     SKIES,
     TILES,
@@ -274,6 +275,32 @@ FAULTS = [
 @pytest.mark.parametrize(("text", "expected"), FAULTS)
 def test_a_fault_is_named_with_its_line(text: str, expected: str):
     assert message(text).startswith(f"w.yaml:{expected}")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "tracks: {main: {segments: [{line: 9}]}}\nstart: {a: {on_track: {s: 1}}}",
+            "3: start.a.on_track.track: is missing: the name of a track; allowed: main",
+        ),
+        (
+            "start: {a: {on_track: {s: 1}}}",
+            "2: start.a.on_track.track: is missing: the name of a track; the world has no tracks",
+        ),
+        ("start: {on_track: {track: main}}", "2: start: has no name; write start: {NAME: {on_track: …}}"),
+        ("goals: {at: [0, 0], radius: 1}", "2: goals: has no name; write goals: {NAME: {at: …}}"),
+    ],
+)
+def test_a_missing_name_is_named_with_the_names_that_exist(text: str, expected: str, tmp_path: Path):
+    with pytest.raises(ConfigError) as caught:
+        parse_world(f"mirdrake: world/1\n{text}\n", tmp_path / "w.yaml")
+    assert f"w.yaml:{expected}" in str(caught.value)
+
+
+def test_a_goal_may_have_the_name_of_a_key(tmp_path: Path):
+    world = parse_world("mirdrake: world/1\ngoals: {at: {at: [1, 2]}}\n", tmp_path / "w.yaml")
+    assert list(world.goals) == ["at"]
 
 
 def test_the_version_of_the_language_is_required():

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import shapely
 
-from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError
+from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.paths import data_root, find
@@ -104,7 +104,37 @@ def _make(data: Any, source: Source, *, path: Path | None) -> World:
     actor_entries: tuple[int, ...] = ()
     if isinstance(data, dict):
         data, source, actor_entries = _evaluated(dict(data), source)
-    return _lay_out(validate(data, WorldSpec, source), path=path, actor_entries=actor_entries)
+    return _lay_out(_validate(data, source), path=path, actor_entries=actor_entries)
+
+
+def _validate(data: Any, source: Source) -> WorldSpec:
+    """Validate the data of a world; faults of starts and goals state what only the whole file shows."""
+    tracks: Any = None
+    if isinstance(data, dict):
+        _check_names(data, source)
+        tracks = data.get("tracks")
+    try:
+        return validate(data, WorldSpec, source)
+    except ConfigError as error:
+        hint = did_you_mean("", tracks) if isinstance(tracks, dict) and tracks else "the world has no tracks"
+        faults = [
+            ConfigError(f"{fault.text}: the name of a track; {hint}", where=fault.where, code=fault.code)
+            if fault.code == "missing_key" and fault.path[-1] == "track"
+            else fault
+            for fault in error.faults
+        ]
+        raise ConfigError(faults=faults) from None
+
+
+def _check_names(data: Json, source: Source) -> None:
+    """Reject a start or goal without a name, whose keys would be taken for names."""
+    for key, schema in (("start", StartSpec), ("goals", GoalSpec)):
+        entries = data.get(key)
+        for name, entry in entries.items() if isinstance(entries, dict) else ():
+            named = isinstance(entry, dict) and not schema.model_fields.keys().isdisjoint(entry)
+            if name in schema.model_fields and not named:
+                text = f"has no name; write {key}: {{NAME: {{{name}: …}}}}, with a name of your choice"
+                raise source.error(text, key, code="missing_key")
 
 
 def _evaluated(data: Json, source: Source) -> tuple[Json, Source, tuple[int, ...]]:
