@@ -6,6 +6,7 @@ import pytest
 import mirdrake as mir
 from mirdrake.batched.differentiable import make_drive
 from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.maths import choose
 from mirdrake.single_track.parameters import PARAMETERS
 from tests.batch_rigs import BRUSH, CAR, LINEAR, MAGIC, RICH, STEP, random_columns
 
@@ -91,3 +92,9 @@ def test_single_precision_is_an_error(jax):
 def test_without_jax_the_error_names_the_extra():
     with pytest.raises(MissingDependencyError, match=r"mirdrake\[jax\]"):
         make_drive(BRUSH)
+
+
+@needs_jax
+def test_values_are_chosen_element_by_element_of_arrays_of_jax(jax):
+    given = jax.numpy.asarray([-1.0, 0.0, 2.0])
+    assert jax.jit(lambda x: choose(x < 0.0, -x, x))(given).tolist() == [1.0, 0.0, 2.0]
