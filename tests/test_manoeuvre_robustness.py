@@ -15,7 +15,7 @@ from mirdrake.manoeuvres import MANOEUVRES, Rig, find_facts, read_settings, run_
 from mirdrake.manoeuvres.base import Metric, Outcome, scaled
 from mirdrake.manoeuvres.courses import Body, Section, clearance, eight, make_line
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, SlalomSpec, _fault
-from mirdrake.manoeuvres.search import find_highest, speed_label
+from mirdrake.manoeuvres.search import find_highest, once_per_label, speed_label
 from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.runs.simulation import Simulation
@@ -121,6 +121,7 @@ def test_a_search_tries_one_of_two_speeds_with_the_same_name():
     """A check at a multiple of its step, 0.0005 m/s from a speed of the bisection, would write the same folder."""
     tried = []
 
+    @once_per_label
     def attempt(speed):
         tried.append(speed_label(speed))
         return speed, "" if speed <= 14.2 else "too fast"

@@ -4,9 +4,13 @@ import math
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
+from mirdrake.manoeuvres.base import Diverged
 from mirdrake.manoeuvres.metrics.straight import KMH
 
 T = TypeVar("T")
+
+Attempt = tuple[T | None, str]
+"""Result of a run at a speed [m/s], and the reason of its failure; it passed if the text is empty."""
 
 _FACTOR = 1.12
 """Ratio of a speed to the one before while the limit is not bracketed [1]."""
@@ -33,21 +37,27 @@ def speed_label(speed: float) -> str:
     return f"v{speed / KMH:.2f}kmh"
 
 
-def once_per_label(attempt: Callable[[float], T]) -> Callable[[float], T]:
-    """Return a function that attempts one of all speeds with the same label: they are one run with one folder."""
-    tried: dict[str, T] = {}
+def once_per_label(attempt: Callable[[float], Attempt[T]]) -> Callable[[float], Attempt[T]]:
+    """Return a function that attempts one of all speeds with the same label: they are one run with one folder.
 
-    def once(speed: float) -> T:
+    A run that diverges has failed, with the error as its reason.
+    """
+    tried: dict[str, Attempt[T]] = {}
+
+    def once(speed: float) -> Attempt[T]:
         label = speed_label(speed)
         if label not in tried:
-            tried[label] = attempt(speed)
+            try:
+                tried[label] = attempt(speed)
+            except Diverged as error:
+                tried[label] = None, str(error)
         return tried[label]
 
     return once
 
 
 def find_highest(
-    attempt: Callable[[float], tuple[T | None, str]],
+    attempt: Callable[[float], Attempt[T]],
     *,
     lowest: float,
     highest: float,
@@ -63,7 +73,7 @@ def find_highest(
     tried in increasing order. If one fails, the search continues below it.
 
     Args:
-        attempt: returns the result at a speed [m/s], and the reason of a failure; it passed if the text is empty.
+        attempt: see :data:`Attempt`; made by :func:`once_per_label`, as speeds may repeat.
         lowest: lowest speed that is tried [m/s].
         highest: highest speed that is tried [m/s].
         guess: first speed that is tried [m/s].
@@ -71,27 +81,26 @@ def find_highest(
         check: range below the result in which all speeds must pass [m/s].
         step: difference of the speeds in this range [m/s].
     """
-    once = once_per_label(attempt)
-    limit = _bisect(once, SpeedLimit(None, math.nan, math.inf, ""), (lowest, highest), guess, resolution)
+    limit = _bisect(attempt, SpeedLimit(None, math.nan, math.inf, ""), (lowest, highest), guess, resolution)
     while limit.best is not None:
         below, reason = SpeedLimit[T](None, math.nan, limit.failed, limit.reason), ""
         # The speeds are multiples of the step, so that they do not depend on the bisection.
         first, last = (math.ceil(speed / step) for speed in (max(limit.passed - check, lowest), limit.passed))
         for number in range(first, last):
             speed = number * step
-            result, reason = once(speed)
+            result, reason = attempt(speed)
             if reason:
                 below = below._replace(failed=speed, reason=reason)
                 break
             below = below._replace(best=result, passed=speed)
         if not reason:
             break
-        limit = _bisect(once, below, (lowest, highest), below.failed, resolution)
+        limit = _bisect(attempt, below, (lowest, highest), below.failed, resolution)
     return limit
 
 
 def _bisect(
-    attempt: Callable[[float], tuple[T | None, str]],
+    attempt: Callable[[float], Attempt[T]],
     known: SpeedLimit[T],
     bounds: tuple[float, float],
     guess: float,

@@ -11,7 +11,6 @@ from mirdrake.core.yaml_io import Length, Speed
 from mirdrake.manoeuvres.base import (
     Chart,
     Curve,
-    Diverged,
     ManoeuvreSpec,
     NotFeasible,
     Outcome,
@@ -23,7 +22,7 @@ from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
-from mirdrake.manoeuvres.search import find_highest, speed_label
+from mirdrake.manoeuvres.search import find_highest, once_per_label, speed_label
 
 _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")
@@ -65,14 +64,8 @@ class SkidpadSpec(ManoeuvreSpec):
         check_speed(facts, self.lowest)
         check_steering(facts, math.atan(facts.wheelbase / self.path_radius), what=f"a radius of {self.path_radius:g} m")
 
-        def attempt(speed: float) -> tuple[Record | None, str]:
-            try:
-                return self._try(rig, speed)
-            except Diverged as error:
-                return None, str(error)
-
         limit = find_highest(
-            attempt,
+            once_per_label(lambda speed: self._try(rig, speed)),
             lowest=self.lowest,
             # 12 m/s² with a third more speed is beyond road tyres, so the bisection always has an upper end that fails.
             highest=min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius)),
