@@ -43,7 +43,10 @@ KINDS: dict[str, Kind] = {
     "sensors": Kind("mirdrake.vehicles.mounts:SensorsSpec", "sensors.yaml", "sensors of a vehicle and their mounts"),
     "variant": Kind("mirdrake.vehicles.spec:VariantSpec", "variants/*.yaml", "changes of a variant of a vehicle"),
     "figures": Kind(
-        "mirdrake.manoeuvres.published:PublishedFigures", "published_figures.yaml", "published figures of a vehicle"
+        "mirdrake.manoeuvres.published:PublishedFigures",
+        "published_figures.yaml",
+        "published figures of a vehicle",
+        reader="mirdrake.manoeuvres.published:read_published",
     ),
     "presets": Kind("mirdrake.vehicles.presets:PresetsSpec", "models/sensors/*.yaml", "sensors as products"),
     "prop": Kind("mirdrake.worlds.props:PropFile", "prop.yaml", "a prop"),

@@ -225,6 +225,29 @@ def test_the_missing_first_line_of_a_world_is_named(call_command: Call, tmp_path
     assert "mirdrake: is missing; write `mirdrake: world/1` as its first line" in err[-1]
 
 
+def test_the_published_figures_of_a_vehicle_are_checked(call_command: Call) -> None:
+    Path("car/published_figures.yaml").write_text("none_becuase: a prototype\n", encoding="utf-8")
+    code, _, err = call_command("check", "car")
+    assert code == 2
+    assert any("published_figures.yaml:1: none_becuase: unknown field" in line for line in err)
+
+
+def test_the_data_set_in_an_identification_study_is_checked(call_command: Call, tmp_path: Path) -> None:
+    data = "data: {time: {column: t}, channels: {vx: {column: v, uint: m/s}}, logs: [{file: drive.csv}]}"
+    (tmp_path / "study.yaml").write_text(f"mirdrake: identification/1\n{data}\nmodel: single_track\n", encoding="utf-8")
+    code, _, err = call_command("check", "study.yaml")
+    assert code == 2
+    assert any("study.yaml:2: data.channels.vx.uint: unknown field; did you mean 'unit'" in line for line in err)
+
+
+def test_a_fault_of_a_prop_names_the_entry_of_the_world(call_command: Call, tmp_path: Path) -> None:
+    (tmp_path / "world.yaml").write_text(
+        "mirdrake: world/1\nprops:\n  - {prop: ./boxes, at: [0, 0]}\n", encoding="utf-8"
+    )
+    code, _, err = call_command("check", "world.yaml")
+    assert (code, err) == (2, ["error: world.yaml:3: props.0.prop: boxes/prop.yaml: no such file"])
+
+
 def test_a_data_set_is_checked_as_one(call_command: Call, tmp_path: Path) -> None:
     rows = "".join(f"{0.1 * index:.1f},{1 + 0.1 * (index % 5)}\n" for index in range(60))
     good = "mirdrake: data/1\ntime: {column: t}\nchannels: {vx: {column: v, unit: m/s}}\nlogs: [{file: drive.csv}]\n"

@@ -137,7 +137,7 @@ TOP = "connect, control, duration, extra, gains, laps, parts, plant, points, rec
             "4: control.ego.kind: unknown kind 'pdi'; did you mean 'pid'? (allowed: off, pid)",
         ),
         ("control:\n  ego: {kind: 5}", "2: control.ego.kind: unknown kind '5'; allowed: off, pid"),
-        ("control:\n  ego: {kp: 1}", "2: control.ego: needs a 'kind'"),
+        ("control:\n  ego: {kp: 1}", "2: control.ego: needs a 'kind'; allowed: off, pid"),
         ("control:\n  ego: pid", "2: control.ego: 'pid' is not a mapping (key: value)"),
         (
             "control:\n  ego:\n    kind: pid\n    kp: 2\n    kpp: 3",
@@ -157,7 +157,7 @@ TOP = "connect, control, duration, extra, gains, laps, parts, plant, points, rec
         ("points: {a: 1}", "1: points: a mapping is not a list"),
         ("connect:\n- [a]", "2: connect.0.1: is missing"),
         ("connect:\n- [a, b, c]", "2: connect.0: has 3 items; at most 2"),
-        ("connect:\n- [a, 1]", "2: connect.0.1: 1 is not allowed; it should be a valid string"),
+        ("connect:\n- [a, 1]", "2: connect.0.1: 1 is not a text"),
         ("record: maybe", "1: record: 'maybe' is not allowed; it should be a valid boolean, unable to interpret input"),
     ],
 )
@@ -500,7 +500,7 @@ def test_an_override_sets_one_place(override: str, key: str, value: Any) -> None
         ("plant.contact.deeper=1", ": plant.contact: a mapping is not allowed; allowed: 'point' or 'hydroelastic'"),
         ("plant=", ": plant: null is not a mapping (key: value)"),
         ("control.ego={kind: pdi}", ": control.ego.kind: unknown kind 'pdi'; did you mean 'pid'? (allowed: off, pid)"),
-        ("control.other.kp=1", ": control.other: needs a 'kind'"),
+        ("control.other.kp=1", ": control.other: needs a 'kind'; allowed: off, pid"),
         ("parts.2.contact=point", ": parts is a list of 2; '2' is not an index of it"),
         (f"parts.{'9' * 20}=", ": parts is a list of 2; '99999999999999999999' is not an index of it"),
         ("parts.-1.contact=point", ": parts is a list of 2; '-1' is not an index of it"),

@@ -15,6 +15,8 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, closest
 from mirdrake.core.paths import resolved
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import display_path, where
+from mirdrake.manoeuvres.published import FILE as PUBLISHED
+from mirdrake.manoeuvres.published import read_published
 from mirdrake.plant.plant import make_plant, set_start
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.vehicles.inspect_urdf import find_faults, resolve_meshes
@@ -92,6 +94,9 @@ def check_vehicle(name: str) -> Findings:
     folder, only = (resolved(path), None) if any(map(Path.is_file, map(path.joinpath, FILES))) else find_vehicle(name)
     faults = Findings()
     faults.note([*_layout(folder), *_not_xml(folder)])
+    if (figures := folder / PUBLISHED).is_file():
+        with faults.caught():
+            read_published(figures)
     for variant in [only] if only is not None else [None, *variants(folder)]:
         own = Findings()
         with own.caught():

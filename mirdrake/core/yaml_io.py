@@ -99,7 +99,7 @@ def to_si(value: Any, unit: str) -> Any:
     scale = _UNITS[unit].get(given)
     if scale is None:
         allowed = ", ".join(_UNITS[unit]) or "none"
-        raise ValueError(f"unit {_shown_value(given)} does not fit; allowed: {allowed}")
+        raise ValueError(f"unit {shown_value(given)} does not fit; allowed: {allowed}")
     return number * scale
 
 
@@ -280,7 +280,7 @@ def shortest_name(kind: str, path: Path) -> str:
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
-def _shown_value(value: Any) -> str:
+def shown_value(value: Any) -> str:
     """Return a value as in YAML, truncated if it is long."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
@@ -310,7 +310,8 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
         # For an unknown key, its own line is known; the path may already end with it.
         if path[-1:] != (str(location[-1]),):
             path = (*path, location[-1])
-        message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(json_schema(), location[:-1]))}"
+        known = {name for node in _properties(json_schema(), location[:-1]) for name in node}
+        message = f"unknown field; {did_you_mean(location[-1], known)}"
     elif kind == "missing":
         code = "missing_key"
         path = (*path, location[-1])
@@ -322,38 +323,43 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
         code = "unknown_kind"
         tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
         path = (*path, "kind")
-        message = f"unknown kind {_shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
+        message = f"unknown kind {shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
     elif kind == "union_tag_not_found":
         code = "missing_kind"
-        message = (
-            "needs a 'kind'" if isinstance(given, dict) else f"{_shown_value(given)} is not a mapping with a 'kind'"
-        )
+        kinds = {
+            node["kind"]["const"] for node in _properties(json_schema(), location) if "const" in node.get("kind", {})
+        }
+        needed = "needs a 'kind'" if isinstance(given, dict) else f"{shown_value(given)} is not a mapping with a 'kind'"
+        message = f"{needed}; {did_you_mean('', kinds)}" if kinds else needed
     elif kind == "literal_error":
         code = "not_allowed"
-        message = f"{_shown_value(given)} is not allowed; allowed: {context['expected']}"
+        message = f"{shown_value(given)} is not allowed; allowed: {context['expected']}"
     elif kind in {"model_type", "model_attributes_type", "dict_type", "list_type", "tuple_type"}:
         code = "wrong_type"
-        message = f"{_shown_value(given)} is not a {'list' if kind[0] in 'lt' else 'mapping (key: value)'}"
+        message = f"{shown_value(given)} is not a {'list' if kind[0] in 'lt' else 'mapping (key: value)'}"
+    elif kind == "string_type":
+        code = "wrong_type"
+        message = f"{shown_value(given)} is not a text"
     elif kind in _NOT_NUMBERS:
         code = "not_a_number"
-        message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
+        message = f"{shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
     elif kind in {"too_long", "too_short"}:
         # The kind of bound determines which of both lengths was missed.
         code = "wrong_length"
         allowed = context.get("max_length", context.get("min_length"))
         message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
     elif kind == "string_pattern_mismatch" and context["pattern"] in _PATTERNS:
-        message = f"{_shown_value(given)} is not allowed; use {_PATTERNS[context['pattern']]}"
+        message = f"{shown_value(given)} is not allowed; use {_PATTERNS[context['pattern']]}"
     elif kind == "finite_number":
         code = "not_finite"
         message = f"{given} is not a finite number"
     elif kind not in {"value_error", "assertion_error"}:
-        message = f"{_shown_value(given)} is not allowed; it should be {message[:1].lower() + message[1:]}"
+        message = f"{shown_value(given)} is not allowed; it should be {message[:1].lower() + message[1:]}"
     return source.error(" ".join(message.split()), *path, code=code)
 
 
-def _allowed_keys(root: Json, location: Key) -> list[str]:
-    """Return the keys that a mapping at this location may have, from the JSON Schema of the file."""
+def _properties(root: Json, location: Key) -> list[Json]:
+    """Return the properties of each mapping that may be at this location, from the JSON Schema of the file."""
     nodes = [root]
 
     # Unions and references: a location may have several possible schemas, which are all searched.
@@ -387,7 +393,7 @@ def _allowed_keys(root: Json, location: Key) -> list[str]:
                 if leaf.get("properties", {}).get("kind", {}).get("const") == step
             ]
             nodes = tagged or nodes
-    return sorted({key for candidate in nodes for leaf in resolve(candidate) for key in leaf.get("properties", {})})
+    return [leaf.get("properties", {}) for candidate in nodes for leaf in resolve(candidate)]
 
 
 def _overridden(text: str, name: str, overrides: Iterable[str]) -> tuple[Any, Source]:

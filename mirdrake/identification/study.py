@@ -136,6 +136,8 @@ def load_identification(path: Path | str, *, overrides: Iterable[str] = ()) -> S
     spec = load_yaml(path, StudySpec, overrides=overrides)
     if not spec.name:
         spec.name = path.stem
+    if isinstance(spec.data, dict):
+        embedded_data(spec)  # its faults are those of the study
     return spec
 
 

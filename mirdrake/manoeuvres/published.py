@@ -14,12 +14,14 @@ A new quantity is a class here and a run in :mod:`mirdrake.manoeuvres.validation
 """
 
 import re
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, load_yaml, to_si
+from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, display_path, load_yaml, to_si
 from mirdrake.manoeuvres.metrics.straight import FOOT, KMH, MILE, MPH
 from mirdrake.vehicles import Vehicle
 
@@ -286,9 +288,16 @@ def load_published(vehicle: Vehicle) -> PublishedFigures:
     path = vehicle.folder / FILE
     if not path.is_file():
         raise ConfigError(f"has no {FILE}; write one as in docs/validation.md", where=vehicle.name)
-    published = load_yaml(path, PublishedFigures)
+    return read_published(path)
+
+
+def read_published(path: Path, *, overrides: Iterable[str] = ()) -> PublishedFigures:
+    """Read a file of published figures.
+
+    Raises:
+        ConfigError: the file is invalid, or it has neither figures nor a reason for that.
+    """
+    published = load_yaml(path, PublishedFigures, overrides=overrides)
     if not published.figures and not published.none_because:
-        raise ConfigError(
-            "has no figures; add figures, or the reason as none_because", where=f"{FILE} of {vehicle.name}"
-        )
+        raise ConfigError("has no figures; add figures, or the reason as none_because", file=display_path(path))
     return published

@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, field_validator
 
 from mirdrake.core.contacts import STUDY_CONTACT, ContactModel
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import Duration, Schema
+from mirdrake.core.yaml_io import Duration, Schema, shown_value
 from mirdrake.worlds.schema_types import Label
 
 
@@ -67,6 +67,9 @@ class CaseSpec(Schema):
                 raise ValueError(f"{name}: the list is empty")
             if isinstance(values, int) and (name != "seed" or not 1 <= values <= 10_000):
                 raise ValueError(f"{name}: give a list of values; only seed may be a number of seeds, 1 to 10000")
+            for value in values if isinstance(values, list) else ():
+                if isinstance(value, dict | list):
+                    raise ValueError(f"{name}: {shown_value(value)} is not a number or a text")
             if name == "seed" and isinstance(values, list) and not all(map(is_seed, values)):
                 raise ValueError("seed: give whole numbers")
         return variations

@@ -265,7 +265,10 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
         hint = did_you_mean(name, prop_names())
         raise ConfigError(f"unknown prop '{name}'; {hint}; or use box, cylinder, sphere or file", where=where)
     home = resolved(folder)
-    spec = _load_file(home / "prop.yaml")
+    try:
+        spec = _load_file(home / "prop.yaml")
+    except ConfigError as error:
+        raise (error.under(where) if where else error) from None
     factors = (scale, scale, scale)
     if size is not None:
         if not spec.resizable:

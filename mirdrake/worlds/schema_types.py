@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, PlainValidator
 
-from mirdrake.core.yaml_io import Schema
+from mirdrake.core.yaml_io import Schema, shown_value
 
 LARGEST_COUNT = 20_000
 """Largest number of props in a world."""
@@ -13,7 +13,7 @@ LARGEST_COUNT = 20_000
 
 def _value(value: Any) -> float | int | str:
     if isinstance(value, bool) or not isinstance(value, float | int | str):
-        raise ValueError("is not a number or a text such as '0 .. 3'")
+        raise ValueError(f"{shown_value(value)} is not a number or a text such as '0 .. 3'")
     if isinstance(value, str) and not value.strip():
         raise ValueError("is empty")
     if isinstance(value, float) and not math.isfinite(value):
