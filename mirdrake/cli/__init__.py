@@ -18,12 +18,12 @@ from mirdrake.core.progress import still_working
 
 _WORLD = """\
 examples:
-  mirdrake world check parking_lot            every fault with file and line
-  mirdrake world build parking_lot -o out     lock file, SDF world and plan
-  mirdrake world show parking_lot             the world in Meshcat, overlaps in red
-  mirdrake world edit yard.yaml               the world in an editor in the browser
-  mirdrake world test parking_lot barrels     all tests with all variations; pass or fail
-  mirdrake world import old.world             a world file from Gazebo; also from .xodr, .xml, .xosc, .gpx"""
+  mirdrake world check parking_lot            report faults with their lines
+  mirdrake world build parking_lot -o out     write lock file (all random values resolved), SDF world and plan
+  mirdrake world show parking_lot             show the world in Meshcat, overlaps in red
+  mirdrake world edit yard.yaml               edit the world in the browser
+  mirdrake world test parking_lot barrels     run all tests with all variations
+  mirdrake world import old.world             convert a world of Gazebo; also .xodr, .xml, .xosc, .gpx"""
 
 _IDENTIFY = """\
 `mirdrake identify run --help` lists the options of a study: --set, --out and others.
@@ -31,9 +31,9 @@ _IDENTIFY = """\
 examples:
   mirdrake identify new lap.csv                     write a data file for a log, with guesses as comments
   mirdrake identify check drives.yaml               check the logs before any fit
-  mirdrake identify study.yaml                      check, fit, table and report
+  mirdrake identify study.yaml                      check the logs, fit, write a report
   mirdrake identify study.yaml --set model.tyres=fiala --out runs/fiala
-  mirdrake identify filter drives.yaml bolt         states and parameters along a log
+  mirdrake identify filter drives.yaml bolt         estimate states and parameters along a log
   mirdrake identify apply runs/study bolt           write the result and its source into vehicle.yaml"""
 
 _TUNE = """\
@@ -55,20 +55,20 @@ VERBS = {
     "manoeuvre": Verb("drive standard manoeuvres with a vehicle and write a handling report", "manoeuvre"),
     "validate": Verb("compare a vehicle with published figures of the real one", "validate"),
     "view": Verb("show a vehicle, a world, a diagram or a run in Meshcat", "view"),
-    "check": Verb("check files of mirdrake without running them: every fault with file and line", "check"),
+    "check": Verb("report faults of files with their lines, without a simulation", "check"),
     "draw": Verb("draw a diagram's blocks and connections as SVG", "draw"),
     "ports": Verb("list the ports of a diagram with their elements and units", "ports"),
     "replay": Verb("replay a run in Meshcat with the pictures of its cameras", "replay"),
     "export": Verb("write a run as MCAP (Foxglove), CSV or video", "export"),
     "identify": Verb(
-        "fit the parameters of a model to recorded drives",
+        "estimate the parameters of a vehicle from recorded drives",
         more=_IDENTIFY,
         default="run",
         verbs={
             "run": Verb("run an identification study; 'run' may be left out", "identify_run"),
             "check": Verb("check recorded drives: clock, glitches, delays, units, excitation", "identify_check"),
             "new": Verb("write a data file for a log, with guesses of its channels, units and signs", "identify_new"),
-            "filter": Verb("states and slowly varying parameters along a log, by a bank of filters", "identify_filter"),
+            "filter": Verb("estimate states and slowly varying parameters along a log", "identify_filter"),
             "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
         },
     ),
@@ -83,16 +83,16 @@ VERBS = {
         },
     ),
     "new": Verb("write a new vehicle folder from a few dimensions", "new"),
-    "schema": Verb("JSON Schema of a kind of YAML file, for completion and checks in editors", "schema"),
+    "schema": Verb("print the JSON Schema of a kind of YAML file, with which editors complete and check", "schema"),
     "study": Verb("run a study: many variations of one diagram, on all cores or on a cluster", "study"),
     "world": Verb(
         "check, build, show, edit, test, search or import worlds",
         more=_WORLD,
         verbs={
-            "check": Verb("check worlds: every fault with file and line", "world_check"),
+            "check": Verb("report faults of worlds with their lines", "world_check"),
             "build": Verb("write a world's lock file, its SDF world for Gazebo and Drake, and its plan", "world_build"),
             "show": Verb("show a world in Meshcat, overlaps in red", "world_show"),
-            "edit": Verb("edit a world in the browser: place, drag, see overlaps, save the same file", "world_edit"),
+            "edit": Verb("edit a world in the browser", "world_edit"),
             "test": Verb("run the tests of worlds with all their variations", "world_test"),
             "search": Verb("search for parameter values with which a test fails", "world_search"),
             "import": Verb(
@@ -101,7 +101,7 @@ VERBS = {
         },
     ),
     "tune": Verb(
-        "tune the gains of a loop: identification, tuning rules, search, robustness",
+        "tune the gains of a control loop",
         more=_TUNE,
         default="run",
         verbs={
@@ -118,24 +118,24 @@ _STEADY = {"export", "importing", "world_import", "world_build", "check"}
 _TEXT = """\
 Model, simulate, identify and tune car-like vehicles with Drake.
 
-  mirdrake list                         vehicles, worlds, diagrams and studies; list all for more
-  mirdrake run bolt_test_track          a Chevrolet Bolt drives a lap; results go to runs/
+  mirdrake list                          list vehicles, worlds, diagrams and studies; list all shows more
+  mirdrake run bolt_test_track           simulate a lap of a Chevrolet Bolt; results go to runs/
   mirdrake run bolt_test_track --set control.ego.speed=8 --set plant.contact=point
-  mirdrake drive bolt                   drive by hand in a browser: keys, game pad, gains while driving; record
-  mirdrake view bolt                    a vehicle in 3D, with a slider for every joint
-  mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and implausible values
-  mirdrake check my_diagram.yaml        every fault with file and line, without running
-  mirdrake draw bolt_test_track         the block diagram as SVG
-  mirdrake ports bolt_test_track        its ports with their units
-  mirdrake replay runs/drive            a run again, with the pictures of its cameras
-  mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
-  mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them
-  mirdrake validate bolt                simulated figures beside published figures of the real car
-  mirdrake tune studies/bolt_speed.yaml gains for a loop, with margins and Monte Carlo; tune apply writes them
-  mirdrake identify study.yaml          parameters from recorded drives; identify check LOG checks a log first
-  mirdrake learn clone clone_bolt       teach a network to drive from the pictures of a camera
-  mirdrake study study.yaml             many variations of a diagram over all cores, resumable
-  mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
+  mirdrake drive bolt                    drive by hand in a browser: keys, game pad, gains, recording
+  mirdrake view bolt                     show a vehicle in 3D, with a slider for every joint
+  mirdrake inspect bolt                  print mass, axle loads, turning circle, joints and implausible values
+  mirdrake check my_diagram.yaml         report faults of a file with their lines, without a simulation
+  mirdrake draw bolt_test_track          draw the block diagram as SVG
+  mirdrake ports bolt_test_track         list the ports of a diagram with their units
+  mirdrake replay runs/drive             replay a run, with the pictures of its cameras
+  mirdrake export runs/drive --to mcap   convert a run for Foxglove; or to csv or video
+  mirdrake manoeuvre braking bolt        drive standard manoeuvres, write a handling report; --list shows all
+  mirdrake validate bolt                 compare simulated with published figures of the real car
+  mirdrake tune studies/bolt_speed.yaml  tune a control loop; tune apply writes the gains
+  mirdrake identify study.yaml           estimate parameters from recorded drives; identify check LOG checks a log
+  mirdrake learn clone clone_bolt        teach a network to drive from the pictures of a camera
+  mirdrake study study.yaml              simulate many variations of a diagram on all cores
+  mirdrake world test parking_lot        run the tests of a world in parallel
 
 Names are looked up in the folders models/, worlds/, diagrams/ and studies/ of MIRDRAKE_PATH, of the working
 directory and of mirdrake itself; a path works as well.

@@ -1,4 +1,4 @@
-"""``mirdrake check``: every fault with file and line, without running."""
+"""``mirdrake check``: reports faults of files with their lines, without a simulation."""
 
 import argparse
 import sys
@@ -12,9 +12,9 @@ from mirdrake.core.paths import find
 
 MORE = """\
 Every fault is one line with file and line number. All files of a vehicle are checked: YAML, xacro, URDF, meshes and
-variants; if they have no faults, the check simulates whether the vehicle stays at rest for a second. bolt@published
-checks only that variant. User modules (kind: "module:Class") are executed only with --trust; without it they are left
-out with their connections.
+variants. If they have no faults, a simulation checks whether the vehicle stays at rest for a second. bolt@published
+checks only that variant. User modules (kind: "module:Class") are executed only with --trust. Without it they and
+their connections are not checked.
 Exit codes: 0 sound, 1 the files are sound but a vehicle does not stay at rest, 2 a file has a fault.
 
 examples:

@@ -10,8 +10,6 @@ from mirdrake.core.yaml_io import display_path
 MORE = """\
 User modules (kind: "module:Class") are executed only with --trust; without it they are not drawn.
 
-An element of a vector is connected by its name: connect: [[ego.state.vx, notch.u]].
-
 examples:
   mirdrake draw bolt_test_track --out blocks.svg
   mirdrake draw bolt_test_track --expand ego.control"""

@@ -18,7 +18,7 @@ The button "Record" writes a run folder. The vehicle brakes to a stop when the p
 
 examples:
   mirdrake drive bolt                           on the test track
-  mirdrake drive mkz parking_lot --open         opens the browser, too
+  mirdrake drive mkz parking_lot --open         in the parking lot; opens the browser
   mirdrake drive bolt@handling test_track --contact hydroelastic
   mirdrake drive catvehicle neighbourhood --sensors none
   mirdrake drive bolt --plot 'ego.control.speed_pid.*'   with a plot of inner signals"""

@@ -12,7 +12,7 @@ MORE = """\
 DATA is a data file (mirdrake: data/1). The filters begin with the parameters of VEHICLE. SETTINGS.yaml has the keys of
 a block of the kind filter_bank (docs/estimation.md): sensors, estimate, hypotheses, ...; without it, stiffness and
 friction are estimated from all channels that a sensor of a filter measures.
-Exit codes: 0 consistent at the end, 1 not consistent: do not trust the intervals, 2 bad input.
+Exit codes: 0 done, 1 at the end the measurements do not fit the model: do not trust the intervals, 2 bad input.
 
 examples:
   mirdrake identify filter drives.yaml bolt

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 MORE = """\
 NAME is one manoeuvre, several separated by commas, or all. The folder holds handling.html, results.json, metrics.csv,
-and the run of every simulation. A manoeuvre beyond the vehicle's speed, steering or pedals is reported as "not
+and the run of every simulation. If the tyres of a vehicle have no slip and it has a variant 'handling', this variant
+is driven: bolt means bolt@handling. A manoeuvre beyond the vehicle's speed, steering or pedals is reported as "not
 possible" with the reason. Exit codes: 0 done, 1 a manoeuvre failed its criterion or diverged, 2 bad input.
 
 examples:
@@ -24,7 +25,7 @@ examples:
   mirdrake manoeuvre step_steer,braking bolt
   mirdrake manoeuvre all mkz --out runs/mkz_handling
   mirdrake manoeuvre steady_state_circle bolt --set steady_state_circle.radius=40 --set plant.contact=point
-  mirdrake manoeuvre all bolt --model single_track                      the reduced model with the same drivers"""
+  mirdrake manoeuvre all bolt --model single_track                      the single-track model with the same drivers"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,11 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--as-is",
         action="store_true",
-        help="drive the vehicle as named, not the variant 'handling' of one without tyre slip",
+        help="drive the vehicle as named, not its variant 'handling'",
     )
     parser.add_argument("--list", action="store_true", help="show the manoeuvres, their standards and settings")
     parser.add_argument(
-        "--model", choices=("full", "single_track"), default="full", help="the full plant or the reduced model"
+        "--model", choices=("full", "single_track"), default="full", help="the full plant or the single-track model"
     )
     add_set(parser, "step_steer.speed='80 km/h', friction=0.5, plant.time_step=0.002 or single_track.mass=1700")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: runs/<vehicle>-handling-<UTC time>)")

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from mirdrake.core.signals import Signals
 
 MORE = """\
-Outputs may be named first in `connect`, inputs second; an element is named behind a dot: [ego.state.vx, notch.u].
-Patterns of record.signals choose among the outputs. User modules are executed only with --trust.
+An entry of `connect` names an output and an input, or an element after a dot: [ego.state.vx, notch.u].
+`record.signals` names outputs. User modules are executed only with --trust.
 
 examples:
   mirdrake ports bolt_test_track

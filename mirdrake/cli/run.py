@@ -25,7 +25,7 @@ Ctrl-C stops early and keeps the results so far. In a terminal a Meshcat page sh
 
 examples:
   mirdrake run bolt_test_track --set control.ego.speed=8 --set duration=60 --out runs/faster
-  mirdrake run runs/faster/spec.yaml      the same run again, equal to the last bit
+  mirdrake run runs/faster/spec.yaml      repeat a run; the results are bit-equal
   mirdrake run bolt_test_track --commands log.csv       drive from recorded commands, until they end:
       a table with the header  time [s],speed [km/h],steering [deg]  , a driving_log.txt, or a run folder"""
 
@@ -40,14 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=positive_time,
         metavar="S",
-        help="simulated time [s], or with a unit (1 min); `laps` of the file end it earlier, unless --set laps=null",
+        help="simulated time [s], or with a unit (1 min); the run also ends after the `laps` of the file, unless "
+        "--set laps=null",
     )
     parser.add_argument(
         "--commands",
         action="append",
         default=[],
         metavar="[VEHICLE=]LOG",
-        help="drive from recorded commands instead of the file's control (repeatable)",
+        help="drive by recorded commands in place of the driver in the file (repeatable)",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/<name>-<UTC time>)")
     parser.add_argument("--realtime", action="store_true", help="not faster than real time")

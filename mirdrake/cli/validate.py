@@ -10,8 +10,10 @@ from mirdrake.core.yaml_io import parse_yaml
 
 MORE = """\
 The file published_figures.yaml of the vehicle lists the figures with their conditions, sources and reliability. The
-manoeuvres that they need are driven under these conditions. Figures are shown by role: predicted, calibrated (the
-vehicle was fitted to it) or input.
+command simulates the manoeuvres under these conditions and shows the figures by role:
+  predicted   no parameter of the vehicle was set by the figure
+  calibrated  parameters were fitted to the figure
+  input       the figure follows from a value in the files of the vehicle
 The folder holds validation.html, results.json, figures.csv and the runs.
 Exit codes: 0 every figure is within the tolerance, 1 one is not or could not be simulated, 2 bad input.
 

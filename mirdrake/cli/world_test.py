@@ -30,9 +30,7 @@ MORE = """\
 Each variation runs in a worker process. A variation that raises an exception, hangs or crashes counts as an error; the
 others continue. The folder holds report.html, junit.xml, results.jsonl, and below cases/ the run of every case that did
 not pass, the worst of them with a report and a recording that open offline. The margin of a requirement is its distance
-from the limit: positive where it is met. The requirement that decides is the one with the smallest margin over its
-reference value, which is its limit, 1 m for collision and on road, 0.05 m/s for stopped. Ctrl-C stops early and keeps
-the results so far.
+from the limit; it is positive if the requirement is met. Ctrl-C stops early and keeps the results so far.
 Exit codes: 0 all passed, 1 a test failed, 2 invalid worlds or errors, 130 interrupted.
 
 examples:
