@@ -230,6 +230,9 @@ def test_the_published_figures_of_a_vehicle_are_checked(call_command: Call) -> N
     code, _, err = call_command("check", "car")
     assert code == 2
     assert any("published_figures.yaml:1: none_becuase: unknown field" in line for line in err)
+    Path("car/published_figures.yaml").write_text("figures: [{value: 1}]\n", encoding="utf-8")
+    _, _, err = call_command("check", "car")
+    assert any("figures.0: needs a 'quantity'; allowed: " in line for line in err)
 
 
 def test_the_data_set_in_an_identification_study_is_checked(call_command: Call, tmp_path: Path) -> None:

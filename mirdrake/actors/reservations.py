@@ -428,18 +428,20 @@ def grant(
     lanes: npt.NDArray[np.int64], places: Array, kinds: npt.NDArray[np.int64], chains: npt.NDArray[np.int64],
     claims: Records,
 ) -> None:  # fmt: skip
-    """Grant requests in their order.
+    """Grant the requests for ways through junctions, one after the other in the order of :func:`next_in_order`.
+
+    Arrays have a row for each of the n actors, then for each of the m vehicles.
 
     Args:
         t: lanes.
         ways: ways through junctions.
-        speeds: of all [m/s].
-        shape: front, rear and half of the width of all (n + m, 3) [m].
-        time: since the start [s].
+        speeds: speeds (n + m) [m/s].
+        shape: front, rear and half of the width (n + m, 3) [m].
+        time: time since the start [s].
         objects: objects on lanes.
-        known: their number.
-        lanes: lanes of all that drive by the right of way, -1 for others.
-        places: stations of the middles of all [m].
+        known: number of the objects on lanes.
+        lanes: lanes of those that obey the right of way, -1 for the others (n + m).
+        places: stations of their middles (n + m) [m].
         kinds: states of the requests; those that are granted are changed to 3.
         chains: the ways that each needs next (n + m, 8).
         claims: claims of all; changed.

@@ -58,7 +58,7 @@ class Driver(Schema):
         """
 
     def event_periods(self, folder: Path | str | None = None) -> tuple[float | None, ...]:  # noqa: ARG002
-        """Return the periods of the events of its system [s], by default the field `period`; None: not known.
+        """Return the periods of the events of the driver's system [s], None for an unknown one; default: `period`.
 
         Args:
             folder: folder of the user's modules.

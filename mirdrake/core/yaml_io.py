@@ -322,14 +322,16 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
     elif kind == "union_tag_invalid":
         code = "unknown_kind"
         tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
-        path = (*path, "kind")
-        message = f"unknown kind {shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
+        key = context["discriminator"].strip("'")
+        path = (*path, key)
+        message = f"unknown {key} {shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
     elif kind == "union_tag_not_found":
         code = "missing_kind"
-        kinds = {
-            node["kind"]["const"] for node in _properties(json_schema(), location) if "const" in node.get("kind", {})
-        }
-        needed = "needs a 'kind'" if isinstance(given, dict) else f"{shown_value(given)} is not a mapping with a 'kind'"
+        key = context["discriminator"].strip("'")
+        kinds = {node[key]["const"] for node in _properties(json_schema(), location) if "const" in node.get(key, {})}
+        needed = (
+            f"needs a '{key}'" if isinstance(given, dict) else f"{shown_value(given)} is not a mapping with a '{key}'"
+        )
         message = f"{needed}; {did_you_mean('', kinds)}" if kinds else needed
     elif kind == "literal_error":
         code = "not_allowed"

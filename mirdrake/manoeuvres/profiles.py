@@ -35,7 +35,7 @@ def ramp(*, rate: float, limit: float, start: float = 0.0) -> Profile:
 
 
 def tabulate(data: Mapping[str, object], times: NDArray[np.floating[Any]]) -> Array:
-    """Return the angles of a profile at times [s], to the last bit those of :func:`make_profile`.
+    """Return the angles of a profile at times [s]; every bit is that of :func:`make_profile`.
 
     Steps, of which sweeps have thousands, are computed for all times at once; sines of an array could differ in their
     last bit.

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, display_path, load_yaml, to_si
+from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, load_yaml, to_si, where
 from mirdrake.manoeuvres.metrics.straight import FOOT, KMH, MILE, MPH
 from mirdrake.vehicles import Vehicle
 
@@ -299,5 +299,7 @@ def read_published(path: Path, *, overrides: Iterable[str] = ()) -> PublishedFig
     """
     published = load_yaml(path, PublishedFigures, overrides=overrides)
     if not published.figures and not published.none_because:
-        raise ConfigError("has no figures; add figures, or the reason as none_because", file=display_path(path))
+        raise ConfigError(
+            "has no figures; add figures, or the reason as none_because", where=where(published, "figures")
+        )
     return published

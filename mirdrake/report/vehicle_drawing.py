@@ -58,7 +58,7 @@ class Drawing:
         self.add(f'<image x="{x:.1f}" y="{y:.1f}" {size} preserveAspectRatio="none" href="{address}"/>')
 
     def across(self, start: float, end: float, level: float, words: str, *, touch: float) -> None:
-        """Add a dimension between two x [m] at a level of the page; its witness lines begin at height `touch` [m]."""
+        """Add a dimension line between two x [m] at `level`, a y of the page; its ends start at height `touch` [m]."""
         (x1, y0), (x2, _) = self.at(start, touch), self.at(end, touch)
         for x in (x1, x2):
             self.add(f'<line class="witness" x1="{x:.1f}" y1="{y0:.1f}" x2="{x:.1f}" y2="{level + 5:.1f}"/>')

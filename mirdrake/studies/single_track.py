@@ -123,7 +123,7 @@ def check_single_track(plan: Plan) -> None:
 
 
 def run_shard(shard: BatchShard) -> list[Outcome]:
-    """Simulate the runs of a shard as one batch; an error is an outcome of each of them."""
+    """Simulate the runs of a shard as one batch; after an error all of them have failed."""
     try:
         # Runs that diverge overflow on purpose; they are reported as unstable.
         with np.errstate(all="ignore"):

@@ -296,10 +296,10 @@ def find_track(name: str, tracks: Mapping[str, Track], *, where: str) -> Track:
 
 
 def check_station(s: float, track: Track, *, where: str) -> None:
-    """Check that a track has a station [m]; those of a closed track repeat with every lap.
+    """Check that a station [m] is on a track; on a closed one every station is, as it repeats with every lap.
 
     Raises:
-        ConfigError: it is before the begin or behind the end of an open track.
+        ConfigError: the station is before the start or beyond the end of an open track.
     """
     if not track.closed and not 0.0 <= s <= track.length:
         raise ConfigError(f"s = {s:g} m; the track is {track.length:g} m long", where=where)

@@ -118,7 +118,7 @@ def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str 
 
 
 def is_random(value: object) -> bool:
-    """Return whether an expression is random by its own text."""
+    """Return whether an expression draws a random value itself; its parameters may be random all the same."""
     return isinstance(value, str) and ("|" in value or ".." in value or "+-" in value)
 
 

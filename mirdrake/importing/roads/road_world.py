@@ -46,7 +46,7 @@ def station(s: float) -> str:
 
 
 def pose(x: float, y: float, yaw: float) -> str:
-    """Return keys of a pose; the heading has a resolution of 1e-4 deg."""
+    """Return the YAML keys of a pose; the heading is rounded to 1e-4 deg."""
     # Angles within ±180 deg.
     turned = math.degrees(math.remainder(yaw, 2.0 * math.pi))
     return f"at: [{number(x)}, {number(y)}], yaw: {number(turned)} deg"

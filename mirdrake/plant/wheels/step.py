@@ -481,11 +481,11 @@ def tyre_load_of(wheel: Any, motion: WheelMotion, before: Any) -> float:
 
 
 def drake_load(wheel: Any, motion: WheelMotion, period: float, sink: float) -> tuple[float, float]:
-    """Return load [N] and overturning moment about the x axis of the tyre [N m] of Drake's contact in a step.
+    """Return the load [N] and the overturning moment about the tyre's x axis [N m] of Drake's contact in a step.
 
     Args:
         wheel: :class:`SpinningWheel`.
-        motion: that of its contact shape.
+        motion: motion of the contact shape of the wheel.
         period: step of the plant [s].
         sink: speed of the wheel centre downwards at the end of the step [m/s].
     """

@@ -61,7 +61,7 @@ def flat_faces(points: Array, triangles: Any) -> Faces:
 
 
 def joined(parts: Sequence[Faces]) -> Faces:
-    """Return all faces of objects that do not move relative to one another."""
+    """Return the faces of several objects as those of one; the objects must not move relative to one another."""
     if not parts:
         return flat_faces(np.empty((0, 3)), np.empty((0, 3), dtype=int))
     first = np.cumsum([0, *(len(part.quadrics) for part in parts)])

@@ -57,9 +57,9 @@ class LidarScan:
         return hits
 
     def points_in_world(self) -> Array:
-        """Return the hits of the beams in the world (n, 3) [m], each column from the pose of the sensor at its time.
+        """Return the hits of the beams in the world (n, 3) [m], by the sensor's pose at the time of each column.
 
-        The true pose and twist are used; the twist is assumed to be constant over the turn, as on a circle.
+        The true pose and twist are used; the twist is assumed to be constant during a revolution of the sensor.
         """
         if not np.isfinite(self.time):
             return np.empty((0, 3))
