@@ -32,6 +32,7 @@ def move(
     step: float = 0.005,
     duration: float = 1.0,
     start: float = 0.0,
+    effort: Callable[[float], float] = lambda _: 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions of one joint after each step, and the torques of its servo.
 
@@ -43,15 +44,18 @@ def move(
         step: [s].
         duration: [s].
         start: position at the start.
+        effort: torque of the actuator without its servo [N m].
     """
     solve = compiled(joint_steps, parts=JOINT_PARTS)
-    joints, memory, after = records(StiffJoint, [joint]), *(records(JointMemory, [JointMemory(0, 0, 0)]) for _ in "ab")
+    still = JointMemory(0, 0, 0, 0)
+    joints, memory, after = records(StiffJoint, [joint]), *(records(JointMemory, [still]) for _ in "ab")
     x, force, actuation = np.array([start, 0.0]), np.zeros(1), np.zeros(1)
     positions, torques = [], []
     for k in range(round(duration / step)):
         force[0] = 0.0
         set_point = np.array([desired, 0.0])
-        solve(x, 1, step, joints, 0, memory, np.zeros(1), set_point, force, after, actuation, np.zeros(1))
+        efforts = np.array([effort(k * step)])
+        solve(x, 1, step, joints, 0, memory, efforts, set_point, force, after, actuation, np.zeros(1))
         # The plant: semi-explicit Euler, with the joint's damping at the beginning of the step.
         x[1] += step / inertia * (force[0] + actuation[0] + load(k * step) - joint.damping * x[1])
         x[0] += step * x[1]
@@ -78,6 +82,18 @@ def test_a_servo_moves_as_implicit_euler_and_near_its_closed_form(step: float) -
     np.testing.assert_allclose(q, implicit, rtol=1e-9)
     exact = [1.0 - (1.0 + 10.0 * t) * exp(-10.0 * t) for t in step * np.arange(1, len(q) + 1)]
     assert np.abs(q - exact).max() < 5.0 * step
+
+
+@pytest.mark.parametrize("step", [0.01, 0.005, 0.0025])
+def test_a_joint_follows_the_torque_of_its_actuator_without_an_error_of_first_order(step: float) -> None:
+    """The steering joint of the Unior, 1 N m from 0.1 s on: q = M / D (t - I / D (1 - exp(-D t / I)))."""
+    inertia, damping = 0.0408, 2.228
+    joint = FREE._replace(inertia=inertia, damping=damping)
+    q, _ = move(joint=joint, inertia=inertia, load=lambda _: 0.0, step=step, effort=lambda t: float(t > 0.1 - 1e-9))
+    t = np.maximum(step * np.arange(1, len(q) + 1) - 0.1, 0.0)
+    exact = (t - inertia / damping * (1.0 - np.exp(-damping / inertia * t))) / damping
+    # With the present torque only, q would be ahead by M dt / (2 D) at the end.
+    assert np.abs(q - exact).max() < 0.4 * step * step
 
 
 @pytest.mark.parametrize("ratio", [0.7, 1.0, 1.25])

@@ -22,6 +22,10 @@ rule, α = 0, is 6 % too weak at 20 Hz and 5 ms. For stiff dampers, a = D dt / I
 
 Above a = 2 the damper alone stops the joint within the step.
 
+An actuator without a servo has a torque that is constant during each step, from t to t + dt. The velocities of the step
+are those of t - dt/2 and t + dt/2, so the mean of the torques of the last step and of this one acts: with that of this
+step alone, the joint would be ahead of its torque by half a step.
+
 The plant applies -D v by itself; the rest is added here. A joint that would pass a limit gets the force that stops it
 there at the end of the step: a plastic impact.
 
@@ -72,11 +76,13 @@ class JointMemory(NamedTuple):
         begun: zero at the start, then 1.
         rate: velocity at the beginning of the step [rad/s or m/s].
         force: known force during the step [N m or N].
+        effort: torque of the actuator without servo [N m].
     """
 
     begun: float
     rate: float
     force: float
+    effort: float
 
 
 def joint_steps(
@@ -127,6 +133,9 @@ def joint_steps(
         if joint.actuator >= 0:
             servo, gain = servo_effort(joint, x, positions, efforts, desired, period, rest + known, mobile)
             torque = servo - gain * (rest + known + servo) / (mobile + gain)
+            kept.effort = torque
+            if joint.stiffness == 0.0 and joint.gain == 0.0 and before.begun > 0.0:
+                torque = 0.5 * (before.effort + torque)
             actuation[joint.actuator] = torque
             known += torque
         change = (rest + known) / mobile
