@@ -243,6 +243,14 @@ def test_the_data_set_in_an_identification_study_is_checked(call_command: Call, 
     assert any("study.yaml:2: data.channels.vx.uint: unknown field; did you mean 'unit'" in line for line in err)
 
 
+def test_a_driver_without_a_kind_is_reported_with_the_kinds(call_command: Call, tmp_path: Path) -> None:
+    text = "world: empty\nvehicles: {ego: {model: bolt}}\ncontrol: {ego: {speed: 3}}\n"
+    (tmp_path / "drive.yaml").write_text(text, encoding="utf-8")
+    code, _, (line,) = call_command("check", "drive.yaml")
+    assert (code, line.partition("; allowed: ")[0]) == (2, "error: drive.yaml:3: control.ego: needs a 'kind'")
+    assert "path_tracking" in line
+
+
 def test_a_fault_of_a_prop_names_the_entry_of_the_world(call_command: Call, tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text(
         "mirdrake: world/1\nprops:\n  - {prop: ./boxes, at: [0, 0]}\n", encoding="utf-8"

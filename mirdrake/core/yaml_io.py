@@ -301,6 +301,9 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
 
     # Messages of pydantic are replaced where they do not state what was given and what is allowed.
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
+    # Where a function reads the kind, pydantic has its name in place of that of the key.
+    key = context.get("discriminator", "()").strip("'")
+    key = "kind" if key.endswith("()") else key
     # Prefixes of pydantic state how a rule is implemented, not what is wrong.
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")
@@ -322,12 +325,10 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
     elif kind == "union_tag_invalid":
         code = "unknown_kind"
         tags = [tag.strip().strip("'") for tag in context["expected_tags"].split(", ")]
-        key = context["discriminator"].strip("'")
         path = (*path, key)
         message = f"unknown {key} {shown_value(context['tag'])}; {did_you_mean(context['tag'], tags)}"
     elif kind == "union_tag_not_found":
         code = "missing_kind"
-        key = context["discriminator"].strip("'")
         kinds = {node[key]["const"] for node in _properties(json_schema(), location) if "const" in node.get(key, {})}
         needed = (
             f"needs a '{key}'" if isinstance(given, dict) else f"{shown_value(given)} is not a mapping with a '{key}'"
