@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.input_noise import white_noise, without_noise
+from mirdrake.identification.input_noise import estimate_noise, without_noise
 from mirdrake.identification.models.base import Model, Segment
 from mirdrake.identification.timing import median_step
 from mirdrake.readers.units import format_unit
@@ -170,7 +170,7 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
         # A fit takes its inputs as exact, so their noise is removed from them.
         clean = {name: values[rows_] for name, values in inputs.items()}
         clean |= {
-            name: without_noise(values, white_noise(values))
+            name: without_noise(values, estimate_noise(values))
             for name, values in clean.items()
             if name not in model.exact_inputs
         }
