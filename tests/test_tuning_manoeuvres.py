@@ -46,9 +46,11 @@ def loop() -> LoopSpec:
     return replace(spec, model=model, period=1e-3, filter_time=0.01, delay=0.0, course=course)
 
 
-def costs_of(spec: LoopSpec, gains: dict[str, float]) -> dict[str, float]:
+def costs_of(spec: LoopSpec, gains: dict[str, float], *, at_samples: bool = False) -> dict[str, float]:
     names = [f"{name} {part}" for part in range(3) for name in ("launch", "stop")]
-    return dict(zip(["step", "load", *names], manoeuvre_costs(made(spec, spec, [0.0]), gains), strict=True))
+    # Of each manoeuvre: both parts against the held set-point, then both at the samples.
+    costs = np.reshape(manoeuvre_costs(made(spec, spec, [0.0]), gains), (-1, 2, 2))[:, int(at_samples)]
+    return dict(zip(["step", "load", *names], costs.ravel(), strict=True))
 
 
 def made(spec: LoopSpec, own: LoopSpec, delays: list[float]) -> tuple[Manoeuvre, ...]:
@@ -56,7 +58,10 @@ def made(spec: LoopSpec, own: LoopSpec, delays: list[float]) -> tuple[Manoeuvre,
 
 
 @pytest.mark.parametrize("kd", [0.0, 3.0])
-def test_the_derivative_brakes_on_a_slope_by_its_gain_times_the_slope(loop: LoopSpec, kd: float) -> None:
+@pytest.mark.parametrize(("at_samples", "periods"), [(False, 0.5), (True, 1.0)])
+def test_the_derivative_brakes_on_a_slope_by_its_gain_times_the_slope(
+    loop: LoopSpec, kd: float, periods: float, *, at_samples: bool
+) -> None:
     """Error of (J + kd) s² + kp s + ki, overdamped, to a step D of the torque: D (exp(-p t) - exp(-q t)) / (J (q - p)).
 
     The steps are those that the feed-forward lacks: the drag F and kd a at the launch, less kd a at the end of a slope.
@@ -72,12 +77,12 @@ def test_the_derivative_brakes_on_a_slope_by_its_gain_times_the_slope(loop: Loop
     for time, step in steps.items():
         past = np.maximum(t - time, 0.0)
         error += step * (np.exp(-p * past) - np.exp(-q * past)) / (inertia * (q - p))
-    # The controller gets the set-point a period ahead, which is held for this period: on average half a period ahead.
+    # The set-point is held for a period: it is a period old at the samples, and half a period on average.
     slopes = [np.clip(t - begin, 0.0, slope_time) for begin in (0.0, stop)]
-    error -= 0.5e-3 * SLOPE * (np.gradient(slopes[0], t) - np.gradient(slopes[1], t))
+    error -= periods * 1e-3 * SLOPE * (np.gradient(slopes[0], t) - np.gradient(slopes[1], t))
     launch, back = (float(np.sum(np.abs(error[part])) * 1e-3) for part in (t < stop, t >= stop))
 
-    costs = costs_of(loop, GAINS | {"kd": kd})
+    costs = costs_of(loop, GAINS | {"kd": kd}, at_samples=at_samples)
     assert launch == pytest.approx((DRAG + 2.0 * braking) / GAINS["ki"], rel=0.05)
     assert costs["launch 0"] == pytest.approx(launch, rel=0.005)
     assert costs["stop 0"] == pytest.approx(back, rel=0.005, abs=1e-3)
@@ -108,11 +113,13 @@ def test_a_servo_is_driven_on_the_plant_and_pid_gains_have_the_same_costs_there_
     model = manoeuvre_costs(found, gains)
     plant = plant_costs(found, lambda spec: LoopEvaluator(spec, keep=True)(gains))
     # The last part brakes close to the limit of the grip, where the wheels slip; the reduced model has no slip.
-    assert plant[:-1] == pytest.approx(model[:-1], rel=0.1)
-    assert plant[-1] > model[-1]
+    on_plant, on_model = np.reshape(plant, (-1, 2)), np.reshape(model, (-1, 2))
+    assert on_plant[:-1, 0] == pytest.approx(on_model[:-1, 0], rel=0.1)
+    assert on_plant[:-2, 1] == pytest.approx(on_model[:-2, 1], rel=0.1)
+    assert on_plant[-2, 1] > on_model[-2, 1]
     servo = plant_costs(found, lambda spec: LoopEvaluator(spec, keep=True)({}))
     assert 0.0 < max(servo) < math.inf
-    assert len(servo) == 2 * len(found)
+    assert len(servo) == 4 * len(found)
 
 
 def test_manoeuvres_that_the_present_gains_cannot_drive_do_not_count() -> None:

@@ -300,14 +300,14 @@ class Stages:
         """Manoeuvres in which gains are compared with the present control.
 
         None without a model, or without slopes of the set-point. Present gains are compared with whatever the baseline;
-        a servo only if it is the baseline, as its loop has no dead time, which gains may not be able to compete with.
+        a servo only if it is the baseline. Both controllers have the same dead time, and a servo has none.
         """
         loop, own = self.loop, self.own_slopes
         if own is None or loop.model is None or not loop.has_pid_gains:
             return ()
         if not any(loop.present.values()) and self.spec.baseline != "present":
             return ()
-        delays = sorted({direct(loop).delay or 0.0, loop.delay})
+        delays = sorted({direct(loop).delay or 0.0, *([loop.delay] if any(loop.present.values()) else [])})
         return make_manoeuvres(loop, own, delays, LOOP_KINDS[loop.kind].at_slopes)
 
     @cached_property
