@@ -7,14 +7,13 @@ a loop without dead time, as in a diagram, only the loss remains.
 
 Therefore the largest ratio of the IAE counts (minimax), for both ways to measure it: against the set-point that the
 controller holds, and as a recording shows it, at the samples just before the set-point changes. The latter allows a lag
-by one period on a ramp. Gains that are better in only one of the two ways are a matter of opinion.
+by one period on a ramp. Gains must not be worse in either way.
 
-The manoeuvres are a launch against the resistances and a
-stop, each with several slopes of the set-point, and the step and the load of the study's test. Launch and stop are from
-a low speed and back to it: on the linear model that is the same as from standstill, where the resistances of the plant
-reverse. All manoeuvres are compared with the nominal dead time and without one; with a servo only without one, because a
-servo has none. Longer ones of the Monte Carlo do not count: there, slow gains are always better, and stability is what
-matters.
+The manoeuvres are a launch against the resistances and a stop, each with several slopes of the set-point, and the step
+and the load of the study's test. Launch and stop are from a low speed and back to it: on the linear model that is the
+same as from standstill, where the resistances of the plant reverse. All manoeuvres are compared with the nominal dead
+time and without one; with a servo only without one, because a servo has none. Longer ones of the Monte Carlo do not
+count: there, slow gains are always better, and stability is what matters.
 """
 
 from collections.abc import Callable, Mapping, Sequence
