@@ -59,7 +59,7 @@ CASES = {
     "PathTracking: name the arguments": lambda: mir.PathTracking("main", 5.0),
     "speed: unit 'kg' does not fit; allowed: m/s": lambda: mir.PathTracking(track="main", speed="5 kg"),
     "a driver is a kind by name, a mapping": wrong(lambda d, ego: d.drive(ego, None)),
-    "sensors.ego.0: a list is not allowed": wrong(lambda d, ego: d.sensors(ego, ["imu"])),
+    "sensors.ego.0: a list is not a text": wrong(lambda d, ego: d.sensors(ego, ["imu"])),
     "add: missing a required argument: 'system'; arguments: name, system": wrong(lambda d, ego: d.add("x")),
     "'x' is function, which is not a Drake system": wrong(lambda d, ego: d.add("x", lambda: Gain(1.0, 1))),
     "systems.x.kind: unknown kind 'dely'; did you mean 'delay'": wrong(lambda d, ego: d.add("x", "dely")),
