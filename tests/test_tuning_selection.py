@@ -38,6 +38,7 @@ from mirdrake.tuning.selection import (
     Knowledge,
     RejectedTrial,
     beats_rule,
+    better_of,
     choose_best,
     choose_rule,
     complete_checks,
@@ -262,6 +263,24 @@ def test_rules_that_have_failed_do_not_keep_trials_of_the_search_from_their_turn
     assert best is not None
     assert best.design.gains == {"kp": 2.5}
     assert known.verified[best.name].is_robust
+
+
+@pytest.mark.parametrize(
+    ("cost", "median", "chosen"), [(0.9, 0.9, "best"), (1.1, 0.9, "rule"), (0.9, 1.1, "rule"), (1.0, 1.0, "best")]
+)
+def test_the_best_replaces_a_rule_if_it_costs_no_more_in_the_test_and_in_the_median_run(
+    cost: float, median: float, chosen: str
+) -> None:
+    """Costs of the best over those of the rule."""
+    stages: Any = _Stages(bound=3.0)
+    stages.monte_carlo = lambda candidates, pairs: SimpleNamespace(median_ratio=lambda *names: median)
+    rule, best = made("rule", 1.0), replace(made("best", 1.0), trial=replace(made("best", 1.0).trial, cost=cost))
+    known = verify(stages, Knowledge(), rule)[1]
+    assert better_of(stages, known, best, rule).name == chosen
+    # A rule that is not robust does not replace it.
+    fast = made("fast", 4.0)
+    known = verify(stages, known, fast)[1]
+    assert better_of(stages, known, replace(best, trial=replace(best.trial, cost=9.0)), fast).name == "best"
 
 
 def test_where_every_candidate_fails_the_nearest_is_chosen_and_does_not_beat_the_rule() -> None:

@@ -374,14 +374,17 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     )
 
 
-def better_in_runs(stages: Stages, known: Knowledge, best: Candidate, rule: Candidate | None) -> Candidate:
-    """Return the rule if it is feasible, robust and costs less than the best candidate in the median run, else that.
+def better_of(stages: Stages, known: Knowledge, best: Candidate, rule: Candidate | None) -> Candidate:
+    """Return the best candidate if it costs no more than the rule in the test and in the median run, else the rule.
 
-    The cheapest candidate of one test may be so only there; the runs have other steps, masses, delays and grades.
+    A rule that is not feasible or not robust is not returned. The test has the nominal conditions; the runs have other
+    steps, masses, delays and grades. Gains that are better in one of them only replace one compromise by another.
     """
     check = known.verified.get(rule.name) if rule is not None else None
     if rule is None or check is None or not (rule.trial.feasible and check.is_robust):
         return best
+    if printed(best.trial.cost) > printed(rule.trial.cost):
+        return rule
     runs = stages.monte_carlo([best, rule], pairs=[(best.name, rule.name)])
     ratio = None if runs is None else runs.median_ratio(best.name, rule.name, stages.spec.cost)
     return rule if ratio is not None and printed(ratio) > 1.0 else best

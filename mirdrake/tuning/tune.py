@@ -52,7 +52,7 @@ from mirdrake.tuning.selection import (
     RuleChoice,
     Verification,
     beats_rule,
-    better_in_runs,
+    better_of,
     choose_best,
     choose_rule,
     complete_checks,
@@ -396,9 +396,9 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
             loop = at_finer_step(stages.loop)
         part = space_around(space, around)
         starts = inside(part, _gains(around))
-    # The Monte Carlo may still prefer the rule.
+    # The test or the Monte Carlo may still prefer the rule.
     if best is not None:
-        best = better_in_runs(stages, known, best, choice.rule)
+        best = better_of(stages, known, best, choice.rule)
     return SearchOutcome(space, coarse, tuple(fine), best, known)
 
 
