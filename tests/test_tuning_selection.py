@@ -341,6 +341,8 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     )
     slopes = Rejection("own_slopes", reason="a wheel slips", needs={"max_acceleration": 2.4378})
     sharp = Rejection("constraint", "ms", 1.7213, 1.6)
+    late = Rejection("constraint", "delay_margin_s", 0.0699, 0.075)
+    later = Rejection("margin", "delay_margin_s", 0.0568, 0.075)  # on the plant
     undefined = Rejection("constraint", "ms", None, 1.6)
     result = short_result("unior")
     baseline, rule, best = result.candidates
@@ -349,7 +351,7 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
         spec={"baseline": "present"},
         candidates=(
             replace(baseline, figures={"iae": 0.0867}, rejections=(undefined, run, slopes)),
-            replace(rule, rejections=(sharp, run, slopes)),
+            replace(rule, rejections=(sharp, late, later, run, slopes)),
             replace(best, figures={"iae": 0.122}),
         ),
         rejected=(RejectedTrial({"kp": 1.0}, 0.1, (slopes,)),),
@@ -360,9 +362,9 @@ def test_a_study_that_keeps_the_present_gains_states_their_figures_causes_and_re
     assert "; the present gains are kept" in texts.headline()
     assert texts.after_verdict() == texts.notices()[:3] == [
         "Rejections of 3 candidates by cause: the vehicle's own slopes of the set-point (2), Ms (1), "
-        "the Monte Carlo (1).",
-        f"{rule.name} (cost {rule.cost:.4g}) needs: constraints.ms of 1.73; robustness.friction without 0.39; "
-        "speed.max_acceleration of at most 2.43 m/s² in control.yaml.",
+        "Delay margin (1), the Monte Carlo (1).",
+        f"{rule.name} (cost {rule.cost:.4g}) needs: constraints.ms of 1.73; constraints.delay_margin_s of 0.0568; "
+        "robustness.friction without 0.39; speed.max_acceleration of at most 2.43 m/s² in control.yaml.",
         "The present gains fail this, too: does not follow the vehicle's own slopes of the set-point: a wheel slips; "
         "not stable in 1 run of the Monte Carlo, first in run 41 (friction 0.39): oscillates.",
     ]  # fmt: skip

@@ -67,26 +67,24 @@ def _cause(texts: "Texts", rejection: Rejection) -> str:
 
 def _excess(candidate: CandidateResult) -> float:
     """Return by how much a candidate breaks limits of figures, relative to them [1]."""
-    return sum(
-        abs((one.value or math.inf) - one.limit) / max(abs(one.limit), 1e-9)
-        for one in candidate.rejections
-        if one.limit is not None
-    )
+    return sum(_beyond(one) / max(abs(one.limit), 1e-9) for one in candidate.rejections if one.limit is not None)
 
 
 def _changes(candidate: CandidateResult) -> str:
     """Return with which changes a candidate would pass; empty if one of its causes has no remedy that is known."""
-    changes: list[str] = []
+    worst: dict[str, Rejection] = {}
     for rejection in candidate.rejections:
-        if rejection.check == "monte_carlo" and any(change.startswith("robustness") for change in changes):
-            continue  # the first failed run has the causes
-        found = _change(rejection)
-        if not found:
-            return ""
-        # A margin may break its limit on the model and on the plant.
-        if found not in changes:
-            changes.append(found)
-    return f"{candidate.name} (cost {candidate.cost:.4g}) needs: {'; '.join(changes)}."
+        # A margin may break its limit on the model and on the plant; of the failed runs the first has the causes.
+        known = worst.setdefault(rejection.figure or rejection.check, rejection)
+        if _beyond(rejection) > _beyond(known):
+            worst[rejection.figure or rejection.check] = rejection
+    changes = [_change(rejection) for rejection in worst.values()]
+    return f"{candidate.name} (cost {candidate.cost:.4g}) needs: {'; '.join(changes)}." if all(changes) else ""
+
+
+def _beyond(rejection: Rejection) -> float:
+    """Return by how much a figure breaks its limit; inf if it is not defined."""
+    return math.inf if rejection.value is None else abs(rejection.value - (rejection.limit or 0.0))
 
 
 def _change(rejection: Rejection) -> str:
