@@ -67,9 +67,9 @@ class CaseSpec(Schema):
                 raise ValueError(f"{name}: the list is empty")
             if isinstance(values, int) and (name != "seed" or not 1 <= values <= 10_000):
                 raise ValueError(f"{name}: give a list of values; only seed may be a number of seeds, 1 to 10000")
+            if name == "seed" and isinstance(values, list) and not all(map(is_seed, values)):
+                raise ValueError("seed: give whole numbers")
             for value in values if isinstance(values, list) else ():
                 if isinstance(value, dict | list):
                     raise ValueError(f"{name}: {shown_value(value)} is not a number or a text")
-            if name == "seed" and isinstance(values, list) and not all(map(is_seed, values)):
-                raise ValueError("seed: give whole numbers")
         return variations
