@@ -352,9 +352,11 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     # Cheap checks before expensive ones: own slopes, hard scenarios, finer step, then the full test with response.
     name = "searched" if not known.searched else f"searched {len(known.searched) + 1}"
     design = Design(name, "searched", gains)
-    slopes = stages.test_slip(design)
-    if slopes is None or slopes.status == "ok":
-        slopes = stages.test_on_own_slopes(design)
+    # The search has tested the gains on the slip model, but before they were rounded.
+    slip = stages.test_slip(design)
+    if slip is not None and slip.status != "ok":
+        return None, rejected(Rejection("own_slopes", reason=slip.reason))
+    slopes = stages.test_on_own_slopes(design)
     if slopes is not None and slopes.status != "ok":
         return None, replace(rejected(Rejection("own_slopes", reason=slopes.reason)), lost_on_slopes=True)
     failure = stages.first_failure(gains, [*known.hard, *stages.hardest])
