@@ -34,21 +34,21 @@ def test_the_size_of_white_noise_is_found_beside_a_signal(random, size, accuracy
     assert np.mean(sizes) == pytest.approx(noise, rel=accuracy)
 
 
-def with_memory(random, size, memory):
-    """Return noise of unit variance with a memory."""
-    return lfilter([(1.0 - memory**2) ** 0.5], [1.0, -memory], random.normal(size=size + 200))[200:]
+def autocorrelated(random, size, correlation):
+    """Return noise of unit variance with a correlation from sample to sample."""
+    return lfilter([(1.0 - correlation**2) ** 0.5], [1.0, -correlation], random.normal(size=size + 200))[200:]
 
 
-@pytest.mark.parametrize("memory", [0.5, 0.8])
-def test_the_memory_of_noise_is_found_beside_a_signal_and_not_exceeded_on_average(random, memory):
+@pytest.mark.parametrize("correlation", [0.5, 0.8])
+def test_the_correlation_of_noise_is_found_beside_a_signal_and_not_exceeded_on_average(random, correlation):
     """As white noise, that of 0.8 would have a third of its size: (8.87 / 70)^0.5 by the fourth differences."""
-    found = [estimate_noise(slow(random, 4000) + 0.03 * with_memory(random, 4000, memory)) for _ in range(20)]
-    assert 0.8 * memory < np.mean([noise.memory for noise in found]) < memory
+    found = [estimate_noise(slow(random, 4000) + 0.03 * autocorrelated(random, 4000, correlation)) for _ in range(20)]
+    assert 0.8 * correlation < np.mean([noise.correlation for noise in found]) < correlation
     assert 0.7 * 0.03 < np.mean([noise.size for noise in found]) < 0.03
 
 
-def test_the_power_of_noise_with_a_memory_is_that_of_its_cosine_transform(random):
-    waves = np.mean([dct(with_memory(random, 512, 0.8), norm="ortho") ** 2 for _ in range(400)], axis=0)
+def test_the_power_of_autocorrelated_noise_is_that_of_its_cosine_transform(random):
+    waves = np.mean([dct(autocorrelated(random, 512, 0.8), norm="ortho") ** 2 for _ in range(400)], axis=0)
     expected = Noise(1.0, 0.8).power(512)
     for band in (slice(1, 20), slice(100, 130), slice(400, 500)):
         assert waves[band].mean() == pytest.approx(expected[band].mean(), rel=0.1)

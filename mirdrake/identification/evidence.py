@@ -2,7 +2,7 @@
 
 Twice the logarithm of the Bayes factor is about ``n ln(RSS₀ / RSS₁) - k ln n`` for k further parameters (G. Schwarz,
 Annals of Statistics 6, 1978; R. E. Kass and A. E. Raftery, Journal of the American Statistical Association 90, 1995).
-Residuals with a memory count for n effective samples (M. S. Bartlett, Journal of the Royal Statistical Society B 8,
+Autocorrelated residuals count for n effective samples (M. S. Bartlett, Journal of the Royal Statistical Society B 8,
 1946): a systematic error of the model is not evidence, however many samples contain it.
 """
 
@@ -18,14 +18,14 @@ relation lacks, as roll or the bank of the road, however certain its estimate is
 
 
 def effective_samples(residuals: Array) -> float:
-    """Return the number of independent samples that residuals with a memory count for."""
+    """Return the number of independent samples that autocorrelated residuals count for."""
     size, left = len(residuals), residuals - residuals.mean()
     # Autocorrelation by the Wiener-Khinchin theorem; with zeros of at least its length it does not wrap around.
     length = next_fast_len(2 * size, real=True)
-    memory = np.fft.irfft(np.abs(np.fft.rfft(left, length)) ** 2, length)[:size]
-    memory = memory / max(memory[0], 1e-300)
-    end = int(np.argmax(memory <= 0.0)) or size  # the memory ends where it first vanishes
-    return size / (1.0 + 2.0 * float(np.sum(memory[1:end] ** 2)))
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(left, length)) ** 2, length)[:size]
+    correlation = correlation / max(correlation[0], 1e-300)
+    end = int(np.argmax(correlation <= 0.0)) or size  # it ends where it first vanishes
+    return size / (1.0 + 2.0 * float(np.sum(correlation[1:end] ** 2)))
 
 
 def likelihood_gain(without: Array, residuals: Array) -> tuple[float, float]:

@@ -12,8 +12,8 @@ no jump at the ends, less N.
 
 The noise is an autoregression of first order, with the standard deviation σ and the correlation ρ from sample to
 sample. Both follow from fourth differences, in which a slow input vanishes. Over k samples their variance is
-σ² (70 - 112 q + 56 q² - 16 q³ + 2 q⁴) with q = ρᵏ; it is 70 σ² for white noise and grows at most k-fold for noise with
-a memory. What grows faster is motion. Motion only adds to it, so the least ρ of several k counts.
+σ² (70 - 112 q + 56 q² - 16 q³ + 2 q⁴) with q = ρᵏ; it is 70 σ² for white noise and grows at most k-fold for
+autocorrelated noise. What grows faster is motion. Motion only adds to it, so the least ρ of several k counts.
 
 Their median is robust against the steps of a command, and zero for a computed one, which stays as it is. Fast steering
 is not noise: the quietest eighth of the log counts, and no more than the power of the highest eighth of the
@@ -39,10 +39,10 @@ _LEAST_PART, _SELECTION = 32, 2.1
 simulation of white noise: 2.03 to 2.20 for parts of 60 to 1000 samples."""
 
 _DISTANCES = (2, 4, 8)
-"""Numbers of samples of the differences that show the memory of noise, beside those of neighbouring samples."""
+"""Numbers of samples of the differences that show the autocorrelation of noise, beside neighbouring ones."""
 
-_MEMORIES = np.linspace(0.0, 0.95, 96)
-"""Memories that are compared [1]; noise with a longer one is slow motion."""
+_CORRELATIONS = np.linspace(0.0, 0.95, 96)
+"""Correlations from sample to sample that are compared [1]; noise with a larger one is slow motion."""
 
 _HELD = 0.3
 """Share of repeated samples above which values are held or coarser than their noise [1]."""
@@ -56,16 +56,17 @@ class Noise(NamedTuple):
 
     Attributes:
         size: standard deviation [unit of the input].
-        memory: correlation from sample to sample [1].
+        correlation: that from sample to sample [1].
     """
 
     size: float
-    memory: float = 0.0
+    correlation: float = 0.0
 
     def power(self, count: int) -> Array:
         """Return the variance of each coefficient of an orthonormal discrete cosine transform (count)."""
-        memory, angle = self.memory, np.pi * np.arange(count) / count
-        return np.asarray(self.size**2 * (1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(angle) + memory**2))
+        correlation, angle = self.correlation, np.pi * np.arange(count) / count
+        spread = 1.0 - 2.0 * correlation * np.cos(angle) + correlation**2
+        return np.asarray(self.size**2 * (1.0 - correlation**2) / spread)
 
 
 def estimate_noise(values: Array) -> Noise:
@@ -82,14 +83,14 @@ def estimate_noise(values: Array) -> Noise:
             break
         growth = (_quietest(values, distance) / least) ** 2
         if growth < distance:
-            expected = _fourth_differences(_MEMORIES**distance) / _fourth_differences(_MEMORIES)
-            found.append(float(np.interp(growth, expected, _MEMORIES)))
-    memory = min(found, default=0.0)
+            expected = _fourth_differences(_CORRELATIONS**distance) / _fourth_differences(_CORRELATIONS)
+            found.append(float(np.interp(growth, expected, _CORRELATIONS)))
+    correlation = min(found, default=0.0)
     # Standard deviation of white noise with the same differences.
     white = least / (_NORMAL_MEDIAN * 70.0**0.5 * (1.0 - _SELECTION * (_PARTS / len(values)) ** 0.5))
     fastest: Array = dct(values, norm="ortho")[-(len(values) // _PARTS) :]
     white = min(white, float(np.sqrt(np.mean(fastest**2))))
-    return Noise(white * float(70.0 / _fourth_differences(memory)) ** 0.5, memory)
+    return Noise(white * float(70.0 / _fourth_differences(correlation)) ** 0.5, correlation)
 
 
 def _quietest(values: Array, distance: int) -> float:
@@ -102,9 +103,9 @@ def _quietest(values: Array, distance: int) -> float:
     return min(float(np.median(np.abs(part))) for part in sums)
 
 
-def _fourth_differences(memory: Array | float) -> Array:
-    """Return the variance of fourth differences of noise with a memory, over that of the noise."""
-    return np.asarray(np.polyval([2.0, -16.0, 56.0, -112.0, 70.0], memory))
+def _fourth_differences(correlation: Array | float) -> Array:
+    """Return the variance of fourth differences of autocorrelated noise, over that of the noise."""
+    return np.asarray(np.polyval([2.0, -16.0, 56.0, -112.0, 70.0], correlation))
 
 
 def without_noise(values: Array, noise: Noise) -> Array:

@@ -215,7 +215,7 @@ class _LogSet:
         """Estimate with a smoothing over a width [s]; delays outside of the hypothesis are 0.
 
         Rows with even numbers give the residuals, those with odd numbers the instrumental variables: white noise of
-        both is independent, so it neither causes a delay nor makes one look certain. Noise with a memory and rounding
+        both is independent, so it neither causes a delay nor makes one look certain. Autocorrelated noise and rounding
         are alike in both; of the odd rows, only what the steering causes is used.
         """
         if width not in self._smoothed:
@@ -250,7 +250,7 @@ class _LogSet:
             change = np.linalg.solve(normal, other.T @ rest - regularisation * unknown)
             # At most a row per iteration: the slopes of the splines are valid nearby only.
             change[:2] = np.clip(change[:2], -step, step)
-            # Noise with a memory is alike in both halves and pulls the scales to -1; a delay would make up for it.
+            # Autocorrelated noise is alike in both halves and pulls the scales to -1; a delay would make up for it.
             change[3:5] = np.clip(unknown[3:5] + change[3:5], -MAX_SCALE, MAX_SCALE) - unknown[3:5]
             unknown = unknown + change
             # Beyond the margin that the smoothed logs keep, the splines would be extrapolated.
@@ -332,7 +332,7 @@ class _SmoothedLog:
         """
         rest, base, rise = self._halves[0].compared(unknown, self._inner, lag, delayed)
         _, other, _ = self._halves[1].compared(unknown, self._inner, lag, delayed)
-        # Projection on what the steering causes: noise with a memory is alike in both halves.
+        # Projection on what the steering causes: autocorrelated noise is alike in both halves.
         steered = self._responses
         return rest, base, rise, other if steered is None else steered @ (steered.T @ other)
 

@@ -283,10 +283,10 @@ class Problem:
     def spread(self, z: Array) -> dict[str, float]:
         """Return the noise of the outputs [unit]: the root mean square of the residuals, with outliers limited.
 
-        Residuals with a memory count as fewer samples. The memory that all outputs share is that of the noise; it
-        enlarges all alike, so that noise does not outweigh what is usual for a vehicle.
+        Autocorrelated residuals count as fewer samples. The autocorrelation that all outputs share is that of the
+        noise; it enlarges all alike, so that noise does not outweigh what is usual for a vehicle.
         """
-        traces, spread, memory = self.traces(z), {}, {}
+        traces, spread, repeats = self.traces(z), {}, {}
         for i, name in enumerate(self.model.outputs):
             off = np.concatenate([
                 (trace[i] - seen[i])[mask[i]]
@@ -299,8 +299,8 @@ class Problem:
                 cutoff = max(6.0 * float(np.median(np.abs(off))), float(np.percentile(np.abs(off), 100.0 - OUTLIERS)))
             off = np.clip(off, -cutoff, cutoff)
             spread[name] = float(np.sqrt(np.mean(off**2))) or 1e-9
-            memory[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
-        shared = float(np.sqrt(min(memory.values())))
+            repeats[name] = len(off) / effective_samples(off) if np.ptp(off) > 0.0 else 1.0
+        shared = float(np.sqrt(min(repeats.values())))
         return {name: value * shared for name, value in spread.items()}
 
 
