@@ -1,6 +1,6 @@
 """Stability margins of a model are not reported if the plant does not confirm them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -8,7 +8,7 @@ import pytest
 
 from mirdrake.core.pid import NO_LIMITS, PidGains, PidLimits
 from mirdrake.tuning import LinearProcess, TransferFunction, find_margins, simulate_loop
-from mirdrake.tuning.confirm import ABOVE, LEAST, confirm_margins
+from mirdrake.tuning.confirm import ABOVE, LEAST, Call, confirm_margins
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Fidelity
 from mirdrake.tuning.loops.blocks import LONGEST
 from mirdrake.tuning.loops.judge import judge
@@ -42,9 +42,13 @@ def test_true_margins_are_claimed_in_full() -> None:
     assert exact["gain_margin"] == pytest.approx(
         0.5 * np.pi / DEAD_TIME / 4.0, rel=0.1
     )  # of an integrator: π / (2 L k)
-    for check in confirm_margins(drive, GAINS, exact, delay=DEAD_TIME, step=1.0):
+    for check in confirm_margins(one_by_one(drive), GAINS, exact, delay=DEAD_TIME, step=1.0):
         assert check.claimed == pytest.approx(check.model, rel=0.03)
         assert not check.stable_at_above
+
+
+def one_by_one(evaluate: Callable[..., Evaluation]) -> Callable[[Sequence[Call]], list[Evaluation]]:
+    return lambda calls: [evaluate(*call) for call in calls]
 
 
 def short_test(gains: Mapping[str, float], added: float, limits: PidLimits = NO_LIMITS) -> Evaluation:
@@ -72,7 +76,7 @@ def test_an_oscillation_that_decays_slowly_is_within_the_margin(kp: float) -> No
     assert close.status == "ok"
     assert close.decays
     figures = {"gain_margin": exact.gain_margin, "delay_margin_s": exact.delay_margin}
-    for check in confirm_margins(drive_shortly, gains, figures, delay=DEAD_TIME, step=1.0):
+    for check in confirm_margins(one_by_one(drive_shortly), gains, figures, delay=DEAD_TIME, step=1.0):
         assert check.claimed == pytest.approx(check.model, rel=0.03)
         assert not check.stable_at_above
 
@@ -89,7 +93,7 @@ def test_whether_an_oscillation_decays_is_not_known_at_a_limit_of_the_effort() -
 def test_of_margins_that_are_too_large_those_of_the_plant_are_claimed() -> None:
     exact = margins()
     claimed = {name: 1.15 * value for name, value in exact.items()}
-    checks = confirm_margins(drive, GAINS, claimed, delay=DEAD_TIME, step=1.0)
+    checks = confirm_margins(one_by_one(drive), GAINS, claimed, delay=DEAD_TIME, step=1.0)
     assert [check.name for check in checks] == ["gain_margin", "delay_margin_s"]
     for check in checks:
         assert check.claimed == pytest.approx(exact[check.name], rel=0.04)
@@ -98,7 +102,7 @@ def test_of_margins_that_are_too_large_those_of_the_plant_are_claimed() -> None:
 
 def test_of_margins_that_are_too_small_the_smaller_are_claimed() -> None:
     small = {name: 0.7 * value for name, value in margins().items()}
-    for check in confirm_margins(drive, GAINS, small, delay=DEAD_TIME, step=1.0):
+    for check in confirm_margins(one_by_one(drive), GAINS, small, delay=DEAD_TIME, step=1.0):
         assert check.claimed == small[check.name]
         assert check.stable_at_above
 
@@ -121,7 +125,7 @@ def test_delays_are_driven_up_to_the_longest_one_of_the_actuator(
         delays.append(conditions.delay)
         return drive(GAINS) if conditions.delay <= LONGEST else Evaluation("failed")
 
-    checks = confirm_margins(accept, GAINS, {"delay_margin_s": margin}, delay=nominal, step=1.0)
+    checks = confirm_margins(one_by_one(accept), GAINS, {"delay_margin_s": margin}, delay=nominal, step=1.0)
     assert [check.claimed for check in checks] == [margin] * len(driven)
     assert delays == pytest.approx(driven)  # each delay is driven once
     assert all(delay <= LONGEST for delay in delays)
@@ -137,7 +141,7 @@ def test_an_unstable_loop_with_a_long_nominal_delay_claims_what_the_plant_confir
         assert conditions.delay <= LONGEST
         return drive(GAINS) if conditions.delay - nominal <= true else Evaluation("unstable")
 
-    (check,) = confirm_margins(limited, GAINS, {"delay_margin_s": 0.4}, delay=nominal, step=1.0)
+    (check,) = confirm_margins(one_by_one(limited), GAINS, {"delay_margin_s": 0.4}, delay=nominal, step=1.0)
     assert check.claimed == pytest.approx(true, abs=0.02 * 0.4)
     assert not check.stable_at_above
 
@@ -153,6 +157,8 @@ def test_a_value_that_prints_as_its_limit_does_not_break_it() -> None:
 def test_a_loop_that_is_stable_at_no_part_of_its_delay_margin_has_none_and_limits_of_a_search_stay_finite() -> None:
     """A study divides its limits by the ratio, which is at least the smallest part that is driven."""
     # The true margin at a gain of 10 is about π / (2 · 10) - 0.1 = 0.06 s.
-    (check,) = confirm_margins(drive, GAINS | {"kp": 10.0}, {"delay_margin_s": 0.39}, delay=DEAD_TIME, step=1.0)
+    (check,) = confirm_margins(
+        one_by_one(drive), GAINS | {"kp": 10.0}, {"delay_margin_s": 0.39}, delay=DEAD_TIME, step=1.0
+    )
     assert check.claimed == 0.0
     assert check.ratio == LEAST

@@ -277,9 +277,8 @@ class Stages:
             start=starts[: max(count // 2, 1)] if method in ("tpe", "cma", "nsga2") else (),
             seed=spec.seed,
             fidelity=fidelity,
-            # The reduced model is cheap enough for this process.
-            executor=None if reduced else self.executor,
-            workers=0 if reduced else self.workers,
+            executor=self.executor,
+            workers=self.workers,
             store=self.folder / f"{stage}.jsonl",
             purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
             progress=lambda done, total, left: self.progress(stage, done, total, left),
@@ -388,12 +387,17 @@ class Stages:
         gains, loop = candidate.design.gains or self.loop.present, self.loop
         checks: tuple[MarginCheck, ...] = ()
         if gains:
-            evaluate = LoopEvaluator(loop, keep=True)
-            figures = dict(candidate.trial.figures)
+            evaluator, figures = LoopEvaluator(loop, keep=True), dict(candidate.trial.figures)
             # The gain margin is driven with all gains times a factor, which only for a PID is the gain of the loop.
             if not loop.has_pid_gains:
                 figures.pop("gain_margin", None)
-            checks = confirm_margins(evaluate, gains, figures, delay=loop.delay, step=loop.course.step)
+            checks = confirm_margins(
+                lambda calls: list(self.evaluate(evaluator, calls, "margins")),
+                gains,
+                figures,
+                delay=loop.delay,
+                step=loop.course.step,
+            )
         broken = tuple(
             Rejection("margin", check.name, check.claimed, self.constraints[check.name])
             for check in checks
