@@ -113,6 +113,20 @@ def test_a_recorded_actor_is_where_it_is_at_the_start_of_the_run(begin: float, f
     assert [fault.names for fault in faults] == ([("seen", "parked")] if found else [])
 
 
+@pytest.mark.parametrize(("begin", "x"), [(-1.0, 0.0), (0.0, 0.0), (1.0, 10.0), (1.25, 12.5), (9.0, 50.0)])
+def test_a_full_vehicle_starts_where_its_recording_is_at_the_start_of_the_run(begin: float, x: float) -> None:
+    rows = [(t - begin, 10.0 * t, 0.0, 0.0) for t in (0.0, 0.5, 1.5, 5.0)]
+    actor = {
+        "actor": "bolt",
+        "name": "seen",
+        "body": "full",
+        "recorded": {"file": "drive.csv", "begin": begin, "rows": rows},
+    }
+    world = make_world({"mirdrake": "world/1", "actors": [actor]})
+    (full,) = world.full_actors
+    assert full.start(world.lanes[full.lane]) == pytest.approx((x, 0.0, 0.0), abs=1e-9)
+
+
 def test_a_row_of_actors_in_one_place_has_one_fault_each() -> None:
     faults = find_faults(*[("barrel", (0.0, 0.0, 0.0))] * 30)
     assert [fault.names for fault in faults] == [(f"a{number}", "a0") for number in range(1, 30)]

@@ -17,7 +17,7 @@ from mirdrake.worlds import World
 from mirdrake.worlds.actors import Actor, FullActor
 from mirdrake.worlds.clearance import Volume, clearance_between, place_outline
 from mirdrake.worlds.pieces import Array
-from mirdrake.worlds.recorded import recorded_rows
+from mirdrake.worlds.recorded import recorded_rows, recorded_start
 
 
 class Standing(NamedTuple):
@@ -66,9 +66,7 @@ def place_actors(world: World, failed: Callable[[MirdrakeError], None]) -> list[
 def _pose(world: World, actor: Actor | FullActor) -> Array:
     if actor.spec.recorded is None:
         return np.array(world.actor_start(actor))
-    # A recording may begin before t = 0; it stands at its first sample until that.
-    rows = recorded_rows(actor.spec, actor.rear_axle)
-    return np.array([np.interp(0.0, rows[:, 0], rows[:, column]) for column in (1, 2, 3)])
+    return np.array(recorded_start(recorded_rows(actor.spec, actor.rear_axle)))
 
 
 def find_actor_overlaps(actors: Sequence[Standing]) -> list[Fault]:

@@ -21,7 +21,7 @@ from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane, lane_along
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop
-from mirdrake.worlds.recorded import recorded_path, recorded_rows
+from mirdrake.worlds.recorded import recorded_path, recorded_rows, recorded_start
 from mirdrake.worlds.track_lanes import lanes_of_world, station_on
 from mirdrake.worlds.tracks import Track, check_station, find_track
 
@@ -151,8 +151,7 @@ class FullActor:
     def start(self, lane: Lane) -> tuple[float, float, float]:
         """Return the position of A [m] and its yaw [rad] at the start on its lane."""
         if self.spec.recorded is not None:
-            _, x, y, yaw, _ = recorded_rows(self.spec, self.rear_axle)[0].tolist()
-            return x, y, yaw
+            return recorded_start(recorded_rows(self.spec, self.rear_axle))
         x, y, yaw = lane.pose(self.s, self.offset)
         return float(x), float(y), float(yaw)
 

@@ -62,6 +62,16 @@ def recorded_rows(spec: "ActorSpec", rear_axle: float) -> Array:
     return np.column_stack((rows, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, 1:3], axis=0).T))))))
 
 
+def recorded_start(rows: Array) -> tuple[float, float, float]:
+    """Return x [m], y [m] and yaw [rad] of frame A at t = 0; a recording that begins later has its first pose there.
+
+    Args:
+        rows: see :func:`recorded_rows`.
+    """
+    x, y, yaw = (float(np.interp(0.0, rows[:, 0], rows[:, column])) for column in (1, 2, 3))
+    return x, y, yaw
+
+
 def recorded_path(name: str, rows: Array, width: float) -> Lane:
     """Return the path of a recorded actor as a lane, for maps and for other actors that meet it.
 
