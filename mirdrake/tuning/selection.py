@@ -151,13 +151,13 @@ def verify(stages: Stages, known: Knowledge, candidate: Candidate) -> tuple[Veri
     """
     if candidate.name in known.verified:
         return known.verified[candidate.name], known
+    # Slip model, finer step and slopes have been tested if a trial became the candidate.
+    tested = candidate.name in known.finer
     # The slip model takes a hundredth of the time of the plant.
-    slip = stages.test_slip(candidate.design)
+    slip = None if tested else stages.test_slip(candidate.design)
     if slip is not None and slip.status != "ok":
         made = Verification(slopes=slip)
         return made, replace(known, verified={**known.verified, candidate.name: made})
-    # Finer step and slopes have been tested if a trial became the candidate.
-    tested = candidate.name in known.finer
     made = Verification(finer=known.finer[candidate.name] if tested else stages.test_at_finer_step(candidate.design))
     if candidate.trial.status == "ok":
         checks, broken = stages.confirm_margins(candidate)
